@@ -1,0 +1,64 @@
+# Two commands do everything, set-up included: `make run` and `make test`.
+.DEFAULT_GOAL := help
+SHELL := /bin/bash
+VENV := .venv
+PY := $(VENV)/bin/python
+JOBS ?= 2
+
+.PHONY: help run test prove bench setup lock clean
+
+help:
+	@echo "make run    set up, then drive the shipped scenario and write a report to out/"
+	@echo "make test   set up, then lint, types, import contracts and tests"
+	@echo "make prove  set up, then the long proofs, one table"
+	@echo "make bench  set up with the peers (Pink, mink, MuJoCo), then the benchmarks as JSON"
+
+$(VENV)/.python: scripts/ensure-python.sh
+	bash scripts/ensure-python.sh $(VENV)
+	touch $@
+
+$(VENV)/.run: $(VENV)/.python requirements.lock pyproject.toml
+	$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: -r requirements.lock
+	$(PY) -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	touch $@
+
+$(VENV)/.test: $(VENV)/.run requirements-test.lock
+	$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: -r requirements-test.lock
+	touch $@
+
+$(VENV)/.bench: $(VENV)/.test requirements-bench.lock
+	$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: -r requirements-bench.lock
+	touch $@
+
+setup: $(VENV)/.test
+
+run: $(VENV)/.run
+	$(VENV)/bin/workgauge run --scenario pole-approach --report out/pole-approach
+
+test: $(VENV)/.test
+	$(VENV)/bin/ruff check src tests benchmarks examples
+	$(VENV)/bin/ruff format --check src tests benchmarks examples
+	$(VENV)/bin/mypy
+	$(VENV)/bin/lint-imports
+	$(PY) -m pytest -n $(JOBS) -m "not prove"
+
+prove: $(VENV)/.test
+	$(PY) benchmarks/prove.py
+
+bench: $(VENV)/.bench
+	$(PY) benchmarks/site.py --json
+	$(PY) benchmarks/tick.py --json
+
+# Re-resolve the pinned versions. The lock names versions and hashes, never a host.
+lock: $(VENV)/.python
+	$(PY) -m pip install --quiet --disable-pip-version-check uv
+	$(VENV)/bin/uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
+	    --python-version 3.11 pyproject.toml scripts/build.in -o requirements.lock
+	$(VENV)/bin/uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
+	    --python-version 3.11 --extra test -c requirements.lock pyproject.toml scripts/build.in -o requirements-test.lock
+	$(VENV)/bin/uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
+	    --python-version 3.11 --extra test --extra bench -c requirements-test.lock pyproject.toml scripts/build.in \
+	    -o requirements-bench.lock
+
+clean:
+	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

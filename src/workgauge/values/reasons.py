@@ -1,0 +1,70 @@
+"""Why the machine is held back or stopped: always said, always with the facts."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class ReasonCode(StrEnum):
+    """Every cause of an intervention."""
+
+    LIMIT_NEAR = "limit_near"  #: approaching a limit or another link, slowed
+    LIMIT_REACHED = "limit_reached"  #: at the stop distance, approach refused
+    INSIDE_LIMIT = "inside_limit"  #: already inside, only the way out is free
+    JOINT_END = "joint_end"  #: end cushion of a joint
+    JOINT_SPEED = "joint_speed"  #: faster than the joint may turn
+    EXCLUSIVE_GROUP = "exclusive_group"  #: joints that cannot move together
+    SINGULAR = "singular"  #: the tool cannot go that way from here
+    NOT_ENABLED = "not_enabled"  #: dead-man switch open
+    NOT_NEUTRAL = "not_neutral"  #: levers must be in the middle before the gate opens
+    NO_POSTURE = "no_posture"
+    STALE_POSTURE = "stale_posture"
+    NO_POSE = "no_pose"
+    STALE_POSE = "stale_pose"
+    NO_INTENT = "no_intent"
+    STALE_INTENT = "stale_intent"
+    FROM_FUTURE = "from_future"  #: a stamp later than now
+    INVALID_VALUE = "invalid_value"  #: NaN, infinite, wrong length
+    OUT_OF_RANGE = "out_of_range"  #: command beyond the valve's range
+    TOO_FAST_CHANGE = "too_fast_change"  #: command changes faster than allowed
+    WRONG_SEQUENCE = "wrong_sequence"  #: repeated, skipped or foreign frame
+    GATE_CLOSED = "gate_closed"
+
+
+#: Reasons that stop every joint, whatever the operator wants.
+STOPPING = frozenset(
+    {
+        ReasonCode.NOT_ENABLED,
+        ReasonCode.NOT_NEUTRAL,
+        ReasonCode.NO_POSTURE,
+        ReasonCode.STALE_POSTURE,
+        ReasonCode.NO_POSE,
+        ReasonCode.STALE_POSE,
+        ReasonCode.NO_INTENT,
+        ReasonCode.STALE_INTENT,
+        ReasonCode.FROM_FUTURE,
+        ReasonCode.INVALID_VALUE,
+        ReasonCode.GATE_CLOSED,
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """One cause of an intervention.
+
+    Attributes:
+        code: the cause.
+        text: one line for the operator.
+        link, limit: what is near what, if that is the cause.
+        joint: the joint it concerns, if one.
+        clearance_m: metres left, as the program believes.
+        scale: what is left of the wanted speed, 0 to 1.
+    """
+
+    code: ReasonCode
+    text: str
+    link: str | None = None
+    limit: str | None = None
+    joint: str | None = None
+    clearance_m: float | None = None
+    scale: float | None = None
