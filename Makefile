@@ -13,8 +13,8 @@ help:
 	@echo "make prove  set up, then the long proofs, one table"
 	@echo "make bench  set up with the peers (Pink, mink, MuJoCo), then the benchmarks as JSON"
 
-$(VENV)/.python: scripts/ensure-python.sh
-	bash scripts/ensure-python.sh $(VENV)
+$(VENV)/.python: scripts/ensure-system.sh
+	bash scripts/ensure-system.sh $(VENV)
 	touch $@
 
 $(VENV)/.run: $(VENV)/.python requirements.lock pyproject.toml
