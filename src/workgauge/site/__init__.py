@@ -1,0 +1,1 @@
+"""Readers of site files (LandXML, Inframodel) and the model they fill: alignments, surfaces, points, lines."""
