@@ -1,0 +1,1 @@
+"""Machine description to kinematics, Jacobians, link solids and the stopping model; and the shipped catalogue."""

@@ -1,0 +1,260 @@
+"""The machine description as a file holds it: degrees and metres, the unit in every key, unknown keys refused."""
+
+import math
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from workgauge.values.measurements import LEVER_NAMES
+
+#: Name of link 0 in every machine.
+UNDERCARRIAGE = "undercarriage"
+
+
+def refusal(message: str, *, key: str | None = None, value: object = None, allowed: str | None = None) -> Exception:
+    """Return the error a validator raises; the loader turns it into a `MachineError` with file and line."""
+    context = {"message": message, "key": key, "value": value, "allowed": allowed}
+    return PydanticCustomError("refused", "{message}", context)
+
+
+def _number(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise refusal("is not a number", value=value, allowed="a number")
+    return value
+
+
+def _lever(value: str) -> str:
+    if value not in LEVER_NAMES:
+        raise refusal("unknown lever", value=value, allowed=", ".join(LEVER_NAMES))
+    return value
+
+
+def _size(value: tuple[float, float, float]) -> tuple[float, float, float]:
+    if min(value) <= 0.0:
+        raise refusal("the box has a side without length", value=list(value), allowed="three lengths above 0 m")
+    return value
+
+
+Number = Annotated[float, BeforeValidator(_number), Field(allow_inf_nan=False)]
+Degrees = Annotated[Number, Field(ge=-3600, le=3600)]
+Metres = Annotated[Number, Field(ge=-100, le=100)]
+Positive = Annotated[Number, Field(gt=0)]
+NotNegative = Annotated[Number, Field(ge=0)]
+Position = tuple[Metres, Metres, Metres]
+Angles = tuple[Degrees, Degrees, Degrees]
+Size = Annotated[tuple[Metres, Metres, Metres], AfterValidator(_size)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_ -]{0,63}$")]
+Lever = Annotated[str, AfterValidator(_lever), Field(json_schema_extra={"enum": list(LEVER_NAMES)})]
+
+
+class Strict(BaseModel):
+    """A mapping that takes the keys it knows and no other."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            for key in data:
+                if key not in cls.model_fields:
+                    raise refusal("unknown key", key=str(key), allowed=", ".join(cls.model_fields))
+        return data
+
+
+class Sourced(Strict):
+    """Something with dimensions: where they come from, and whether they are assumed."""
+
+    source: str | None = Field(default=None, description="where the numbers come from")
+    assumed: bool = Field(default=False, description="true if the numbers are a plausible guess")
+    note: str | None = None
+
+
+class DhRow(Strict):
+    """One standard Denavit-Hartenberg row: A = Rz(theta + q) Tz(d) Tx(a) Rx(alpha), q added to d if prismatic."""
+
+    a_m: Metres
+    alpha_deg: Degrees
+    d_m: Metres
+    theta_deg: Degrees = 0.0
+
+
+class Pose(Strict):
+    """A frame in another: position and roll, pitch, yaw (Rz(yaw) Ry(pitch) Rx(roll))."""
+
+    position_m: Position = (0.0, 0.0, 0.0)
+    rpy_deg: Angles = (0.0, 0.0, 0.0)
+
+
+class UrdfChain(Strict):
+    """A plain URDF file (no xacro) and the chain in it that is the machine; its base link is link 0."""
+
+    file: str = Field(description="path, relative to this description")
+    base_link: str
+    tip_link: str
+
+
+class UndercarriageSpec(Sourced):
+    """What carries the machine."""
+
+    kind: Literal["rail", "tracks", "wheels"]
+    gauge_m: Positive
+    height_m: Metres = Field(default=0.0, description="machine frame's origin above top of rail or ground")
+
+
+class StoppingSpec(Sourced):
+    """How one direction of a joint comes to rest; a key left out is ideal."""
+
+    dead_time_s: NotNegative = 0.0
+    lag_s: NotNegative = 0.0
+    tolerance_percent: Annotated[NotNegative, Field(lt=100)] = 0.0
+
+
+class TurningStop(StoppingSpec):
+    """Stopping of a revolute joint."""
+
+    deceleration_deg_s2: Positive | None = None
+
+    @property
+    def deceleration(self) -> float:
+        """Deceleration [rad/s^2]."""
+        return math.inf if self.deceleration_deg_s2 is None else math.radians(self.deceleration_deg_s2)
+
+
+class SlidingStop(StoppingSpec):
+    """Stopping of a prismatic joint."""
+
+    deceleration_m_s2: Positive | None = None
+
+    @property
+    def deceleration(self) -> float:
+        """Deceleration [m/s^2]."""
+        return math.inf if self.deceleration_m_s2 is None else self.deceleration_m_s2
+
+
+class JointSpec(Sourced):
+    """What revolute and prismatic joints have in common."""
+
+    name: Name
+    link: Name | None = Field(default=None, description="the link it moves; its own name if left out")
+    dh: DhRow | None = Field(default=None, description="left out if the machine has a URDF")
+    lever: Lever | None = None
+    lever_sign: Literal[1, -1] = Field(
+        default=1, description="joint direction when the lever is pushed to its positive side"
+    )
+    flow_positive_l_min: Positive | None = None
+    flow_negative_l_min: Positive | None = None
+
+
+class RevoluteJoint(JointSpec):
+    """A joint that turns. With a URDF, limits and speeds left out are taken from there."""
+
+    type: Literal["revolute"]
+    continuous: bool | None = Field(default=None, description="turns without end; then no limits")
+    lower_deg: Degrees | None = None
+    upper_deg: Degrees | None = None
+    home_deg: Degrees
+    speed_positive_deg_s: Positive | None = None
+    speed_negative_deg_s: Positive | None = None
+    stopping_positive: TurningStop = TurningStop()
+    stopping_negative: TurningStop = TurningStop()
+
+
+class PrismaticJoint(JointSpec):
+    """A joint that slides. With a URDF, limits and speeds left out are taken from there."""
+
+    type: Literal["prismatic"]
+    lower_m: Metres | None = None
+    upper_m: Metres | None = None
+    home_m: Metres
+    speed_positive_m_s: Positive | None = None
+    speed_negative_m_s: Positive | None = None
+    stopping_positive: SlidingStop = SlidingStop()
+    stopping_negative: SlidingStop = SlidingStop()
+
+
+Joint = Annotated[RevoluteJoint | PrismaticJoint, Field(discriminator="type")]
+
+
+class StretchSpec(Strict):
+    """The face of a box that a prismatic joint pushes outwards: it moves by the joint's position."""
+
+    joint: str
+    axis: Literal["x", "y", "z"] = Field(description="the box's own axis")
+    side: Literal["positive", "negative"]
+
+
+class BoxSpec(Sourced):
+    """A box in its link's frame, `size_m` long along its own axes (at position 0 of its stretch)."""
+
+    name: Name
+    centre_m: Position
+    size_m: Size
+    rpy_deg: Angles = (0.0, 0.0, 0.0)
+    stretch: StretchSpec | None = None
+
+
+class LinkBoxSpec(BoxSpec):
+    """A box and the link it moves with."""
+
+    link: Name
+
+
+class AttachmentSpec(Sourced):
+    """Something the last link carries: its tool frame and boxes in that link's frame."""
+
+    name: Name
+    tool: Pose = Field(description="tool centre point: z along the tool, y away from the machine when it hangs down")
+    boxes: tuple[BoxSpec, ...] = ()
+    mass_kg: Positive | None = None
+    tolerance_m: NotNegative = Field(default=0.0, description="1-sigma of the measured-up tool centre point")
+
+
+class SensorSpec(Sourced):
+    """A sensor or antenna and the link it sits on."""
+
+    name: Name
+    kind: Literal["gnss_antenna", "imu", "inclinometer", "encoder", "wire_encoder", "lidar", "camera", "prism"]
+    link: Name
+    position_m: Position
+    rpy_deg: Angles = (0.0, 0.0, 0.0)
+
+
+class PumpSpec(Sourced):
+    """Flow shared by all joints that name theirs."""
+
+    flow_l_min: Positive
+
+
+class MachineDescription(Sourced):
+    """A machine. Frame: undercarriage, x forward, y left, z up, origin under the swing axis on rail or ground."""
+
+    title: str
+    undercarriage: UndercarriageSpec
+    base: Pose = Field(
+        default=Pose(), description="frame 0 of the rows, or the URDF's base link, in the machine frame"
+    )
+    urdf: UrdfChain | None = None
+    joints: tuple[Joint, ...] = Field(min_length=1, max_length=12)
+    solids: tuple[LinkBoxSpec, ...] = Field(min_length=1)
+    attachments: tuple[AttachmentSpec, ...] = Field(min_length=1, description="the first is mounted by default")
+    sensors: tuple[SensorSpec, ...] = ()
+    exclusive_groups: tuple[tuple[str, ...], ...] = Field(
+        default=(), description="joints of different groups cannot move together; a joint in none moves with any"
+    )
+    pump: PumpSpec | None = None
+    allowed_contacts: tuple[tuple[str, str], ...] = Field(default=(), description="pairs of boxes never checked")
+
+    @model_validator(mode="after")
+    def _rows_or_urdf(self) -> Self:
+        for joint in self.joints:
+            if (joint.dh is None) == (self.urdf is None):
+                message = "has both a URDF and a row" if self.urdf else "has neither a row nor a URDF"
+                raise refusal(f"joint {joint.name} {message}", key="joints", allowed="`dh` in every joint, or `urdf`")
+        return self
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a machine description."""
+    return MachineDescription.model_json_schema()
