@@ -1,0 +1,1 @@
+"""Signed clearances between the machine's link solids and limits, and between its own links."""
