@@ -79,7 +79,7 @@ def build(name: str, description: MachineDescription, folder: Path, attachment: 
         speed_positive=frozen([r.speed_positive for r in ranges]),
         speed_negative=frozen([r.speed_negative for r in ranges]),
         home=frozen([r.home for r in ranges]),
-        levers=tuple(joint.lever for joint in description.joints),
+        levers=_levers(description),
         lever_signs=frozen([joint.lever_sign for joint in description.joints]),
         exclusive_groups=_exclusive_groups(description, joint_names),
         stopping_positive=tuple(_stopping(joint, 1) for joint in description.joints),
@@ -123,6 +123,14 @@ def _joints(
         links.append(joint.link or (found_joint.link if found_joint else joint.name))
     _unique(links, "joints", "link")
     return chain, ranges, tuple(links)
+
+
+def _levers(description: MachineDescription) -> tuple[str | None, ...]:
+    levers = tuple(joint.lever for joint in description.joints)
+    for i, lever in enumerate(levers):
+        if lever is not None and lever in levers[:i]:
+            raise DescriptionError(("joints", i, "lever"), "lever moves another joint already", lever, "one joint each")
+    return levers
 
 
 def _range(i: int, joint: Joint, urdf: UrdfJoint | None) -> _Range:
@@ -245,6 +253,8 @@ def _sensors(description: MachineDescription, links: tuple[str, ...]) -> tuple[S
 
 def _exclusive_groups(description: MachineDescription, joints: tuple[str, ...]) -> tuple[tuple[int, ...], ...]:
     seen: set[str] = set()
+    if len(description.exclusive_groups) == 1:
+        raise DescriptionError(("exclusive_groups",), "a group alone excludes nothing", allowed="two groups or more")
     for g, group in enumerate(description.exclusive_groups):
         for k, name in enumerate(group):
             place = ("exclusive_groups", g, k)

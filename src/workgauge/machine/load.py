@@ -147,6 +147,8 @@ class _PlainLoader(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen = set()
         for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue
             if key.value in seen:
                 raise yaml.MarkedYAMLError(None, None, f"key {key.value} appears twice", key.start_mark)
             seen.add(key.value)
@@ -157,8 +159,9 @@ def _read_yaml(path: Path) -> tuple[Any, dict[Place, int]]:
     """Return a file's content and the line of every key and list item in it."""
     try:
         data = path.read_bytes()
-    except OSError as error:
-        raise MachineError("cannot read the machine description", file=path, value=error.strerror) from error
+    except (OSError, ValueError) as error:  # ValueError: a null character in the name
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise MachineError("cannot read the machine description", file=path, value=reason) from error
     if len(data) > _LARGEST:
         raise MachineError("this is no machine description", file=path, value=f"{len(data)} bytes", allowed="1 MB")
     try:
