@@ -1,0 +1,212 @@
+"""What a rehearsed run leaves behind: plain series, intervals and snapshots, ready for pages and JSON."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from workgauge.values.arrays import Floats
+from workgauge.values.limits import Limit
+
+
+@dataclass(frozen=True, slots=True)
+class Intervention:
+    """One cause of holding the machine back, from its first tick to its last.
+
+    Attributes:
+        t_s, until_s: first tick with this cause, and the end of the last one [s].
+        reason: the code of `values.reasons.ReasonCode`.
+        link, limit: what came near what (limit id, or `self:<link>`), if that is the cause.
+        joint: the joint concerned, if the cause is one joint's.
+        clearance_m: smallest clearance the program believed meanwhile [m].
+        scale: smallest share of the wanted speed left meanwhile, 0 to 1.
+        text: one line for people.
+    """
+
+    t_s: float
+    until_s: float
+    reason: str
+    link: str | None
+    limit: str | None
+    joint: str | None
+    clearance_m: float | None
+    scale: float | None
+    text: str
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the documented object of the run command."""
+        return {
+            "t_s": round(self.t_s, 6),
+            "reason": self.reason,
+            "link": self.link,
+            "limit": self.limit,
+            "clearance_m": None if self.clearance_m is None else round(self.clearance_m, 6),
+            "scale": None if self.scale is None else round(self.scale, 6),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A contiguous interval of true signed clearance below zero, caused by the machine's own motion.
+
+    Attributes:
+        limit: limit id, or `self:<link>` for the machine's own link. link: the link that was deepest in.
+        start_s, end_s: first and last substep inside [s]. depth_m: greatest depth, positive [m].
+    """
+
+    limit: str
+    link: str
+    start_s: float
+    end_s: float
+    depth_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class TickTimes:
+    """Wall-clock time of the ticks [ms]: median, 99th percentile, largest."""
+
+    p50: float
+    p99: float
+    max: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """The machine at one moment, in the site's local frame.
+
+    Attributes:
+        t_s: when [s].
+        T_site_boxes: (S, 4, 4) centre frames and half_extents: (S, 3) of the link boxes [m].
+        names: what each box is called. tool: (3,) the tool centre point [m].
+        point_machine, point_limit: (3,) the closest pair to the nearest limit, or None if none was in sight.
+        clearance_m, limit: its true signed clearance and limit id.
+    """
+
+    t_s: float
+    T_site_boxes: Floats
+    half_extents: Floats
+    names: tuple[str, ...]
+    tool: Floats
+    point_machine: Floats | None = None
+    point_limit: Floats | None = None
+    clearance_m: float | None = None
+    limit: str | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """One row per tick.
+
+    Attributes:
+        t_s: (n,) start of the tick [s].
+        q: (n, joints) true joint positions [rad, m].
+        wanted: (n, joints) the operator's joint velocities; allowed: (n, joints) the guard's [rad/s, m/s].
+        valves: (n, joints) integer valve commands that left the tick.
+        scale: (n,) share of the wanted speed the guard left.
+        true_m: (n,) smallest true clearance to a limit within the tick, NaN if none was in sight [m].
+        believed_m: (n,) smallest clearance to a limit the program believed at the tick, NaN likewise [m].
+        self_m: (n,) smallest true clearance between the machine's own links, NaN if none was in sight [m].
+        tool: (n, 3) true tool centre point in the site's local frame [m].
+        step: (n,) index of the drive's step.
+    """
+
+    t_s: Floats
+    q: Floats
+    wanted: Floats
+    allowed: Floats
+    valves: Floats
+    scale: Floats
+    true_m: Floats
+    believed_m: Floats
+    self_m: Floats
+    tool: Floats
+    step: Floats
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunResult:
+    """Everything a run shows.
+
+    Attributes:
+        title, description: the scenario's own words.
+        facts: what was run on what, label to text, in order.
+        joint_names, prismatic: per joint; prismatic joints' speeds are m/s, the others' rad/s.
+        tick_s: tick period [s]. substeps: truth checks per tick.
+        slow_distance_m, stop_distance_m: the guard's p_u and p_l [m], None where it has none.
+        series: see `Series`. steps: (words, start [s]) of the drive's steps.
+        min_clearance_m, min_limit, min_link: smallest true clearance, to which limit, of which link; None if no
+            limit was ever in sight.
+        min_self_clearance_m, min_self_pair: the same between the machine's own links.
+        entries: into limits. self_entries: of own links into each other.
+        interventions, tick_ms: see there.
+        start, nearest, end: snapshots; `nearest` is the moment of the smallest true clearance.
+        limits: the limits near the machine, for drawing. limit_names: id to name of all that are mentioned.
+        assumptions, warnings: sentences for people.
+    """
+
+    title: str
+    description: str
+    facts: dict[str, str]
+    joint_names: tuple[str, ...]
+    prismatic: tuple[bool, ...]
+    tick_s: float
+    substeps: int
+    slow_distance_m: float | None
+    stop_distance_m: float | None
+    series: Series
+    steps: tuple[tuple[str, float], ...]
+    min_clearance_m: float | None
+    min_limit: str | None
+    min_link: str | None
+    min_self_clearance_m: float | None
+    min_self_pair: tuple[str, str] | None
+    entries: tuple[Entry, ...]
+    self_entries: tuple[Entry, ...]
+    interventions: tuple[Intervention, ...]
+    tick_ms: TickTimes
+    start: Snapshot
+    nearest: Snapshot
+    end: Snapshot
+    limits: tuple[Limit, ...]
+    limit_names: dict[str, str]
+    assumptions: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = field(default=())
+
+    @property
+    def ticks(self) -> int:
+        """Number of ticks run."""
+        return len(self.series)
+
+    @property
+    def simulated_s(self) -> float:
+        """Simulated time [s]."""
+        return self.ticks * self.tick_s
+
+    def name_of(self, limit: str | None) -> str:
+        """Return what a person calls a limit id."""
+        if limit is None:
+            return "nothing in sight"
+        if limit.startswith("self:"):
+            return f"its own {limit.removeprefix('self:')}"
+        return self.limit_names.get(limit, limit)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the documented object of `workgauge run --json` (docs/commands.md)."""
+        return {
+            "ticks": self.ticks,
+            "simulated_s": round(self.simulated_s, 6),
+            "min_clearance_m": None if self.min_clearance_m is None else round(self.min_clearance_m, 6),
+            "entries": len(self.entries),
+            "interventions": [cause.as_json() for cause in self.interventions],
+            "tick_ms": {
+                "p50": round(self.tick_ms.p50, 4),
+                "p99": round(self.tick_ms.p99, 4),
+                "max": round(self.tick_ms.max, 4),
+            },
+            "min_self_clearance_m": (
+                None if self.min_self_clearance_m is None else round(self.min_self_clearance_m, 6)
+            ),
+            "self_entries": len(self.self_entries),
+            "warnings": list(self.warnings),
+        }

@@ -1,0 +1,1 @@
+"""Runs turned into pages and plots for people."""
