@@ -1,0 +1,1 @@
+"""Joint velocity to integer valve command and back."""

@@ -1,0 +1,112 @@
+"""What every guard is given and gives back."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+import numpy as np
+
+from workgauge.values.arrays import Floats, frozen
+from workgauge.values.clearances import Clearances
+from workgauge.values.reasons import Reason, ReasonCode
+
+JsonValue: TypeAlias = 'bool | int | float | str | Sequence["JsonValue"] | Mapping[str, "JsonValue"] | None'
+#: What a guard remembers from tick to tick: plain data that goes through JSON unchanged, never written to.
+Memory: TypeAlias = Mapping[str, JsonValue]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GuardInput:
+    """Everything a guard may look at.
+
+    Attributes:
+        desired: (n,) wanted joint velocities [rad/s, m/s].
+        q: (n,) measured joint positions. q_min, q_max: (n,) joint ends, infinite where there is none [rad, m].
+        speed_positive, speed_negative: (n,) highest joint speeds, both above 0 [rad/s, m/s].
+        clearances: k clearances of this posture.
+        rows: (k, n), `d(distance)/dt = row @ qdot` [m/rad, m/m].
+        dt_s: time until the next tick [s].
+        joint_names: (n).
+        exclusive_groups: joint indices; joints of different groups cannot move together.
+        keep_direction: a joint that must go slower slows all of them, so that the tool stays on its path.
+    """
+
+    desired: Floats
+    q: Floats
+    q_min: Floats
+    q_max: Floats
+    speed_positive: Floats
+    speed_negative: Floats
+    clearances: Clearances
+    rows: Floats
+    dt_s: float
+    joint_names: tuple[str, ...]
+    exclusive_groups: tuple[tuple[int, ...], ...]
+    keep_direction: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GuardResult:
+    """What may be done.
+
+    Attributes:
+        allowed: (n,) joint velocities [rad/s, m/s].
+        reasons: why `allowed` differs from `desired`; empty if it does not.
+        scale: what the clearances leave of the velocity, 0 to 1.
+    """
+
+    allowed: Floats
+    reasons: tuple[Reason, ...]
+    scale: float
+
+
+class Guard(Protocol):
+    """One way of keeping the machine out of its limits."""
+
+    @property
+    def name(self) -> str:
+        """Name it is registered under."""
+        ...
+
+    @property
+    def reach_m(self) -> float:
+        """Clearances up to here must be known to it, beside what a limit's own stop distance adds [m]."""
+        ...
+
+    def start(self) -> Memory:
+        """Return the memory of a guard that has done nothing yet."""
+        ...
+
+    def allow(self, given: GuardInput, memory: Memory) -> tuple[GuardResult, Memory]:
+        """Return what may be done, and the memory for the next tick. Pure; raises nothing for bad numbers."""
+        ...
+
+
+def full_stop(n: int, text: str) -> GuardResult:
+    """Return the result that stands for numbers nobody can judge: every joint stopped."""
+    return GuardResult(frozen(np.zeros(n)), (Reason(ReasonCode.INVALID_VALUE, text, scale=0.0),), 0.0)
+
+
+def unusable(given: GuardInput) -> str | None:
+    """Return what about the input cannot be judged, or None. NaN in `stop_distances` stands for the guard's own."""
+    clearances = given.clearances
+    k, n = len(clearances), len(given.joint_names)
+    if given.desired.shape != (n,) or given.q.shape != (n,):
+        return f"{n} joints expected"
+    if given.rows.shape != (k, n) or clearances.protections.shape != (k,) or clearances.stop_distances.shape != (k,):
+        return "clearances and their rows differ in number"
+    if not np.isfinite(given.desired).all():
+        return "desired velocity is not a number"
+    if not np.isfinite(given.q).all():
+        return "joint position is not a number"
+    if not 0.0 < given.dt_s < float("inf"):
+        return "time step is not a positive number"
+    if k and not np.isfinite(clearances.distances).all():
+        return "a clearance is not a number"
+    if k and not (np.isfinite(clearances.protections).all() and clearances.protections.min() >= 0.0):
+        return "a protection level is not a number, or below zero"
+    if k and np.isinf(clearances.stop_distances).any():
+        return "a stop distance is infinite"
+    if k and not np.isfinite(given.rows).all():
+        return "the motion of a clearance is not a number"
+    return None
