@@ -149,7 +149,7 @@ def _checked(crs: pyproj.CRS, value: object) -> ProjectedCrs:
         crs = crs.sub_crs_list[0]
     if crs.is_bound and crs.source_crs is not None:
         crs = crs.source_crs
-    if not crs.is_projected:
+    if not crs.is_projected or not crs.axis_info or crs.geodetic_crs is None:
         raise GeodesyError(
             f"not a projected coordinate system but {crs.type_name}", value=value, allowed="a projected system"
         )
@@ -164,10 +164,10 @@ def _crs(wkt: str) -> pyproj.CRS:
 @lru_cache(maxsize=64)
 def _transformer(wkt: str) -> pyproj.Transformer:
     crs = _crs(wkt)
-    geodetic = crs.geodetic_crs
-    if geodetic is None:
-        raise GeodesyError("coordinate system without a datum", value=crs.name)
-    return pyproj.Transformer.from_crs(crs, geodetic, always_xy=True)
+    try:
+        return pyproj.Transformer.from_crs(crs, crs.geodetic_crs, always_xy=True)
+    except (CRSError, ProjError) as error:
+        raise GeodesyError("coordinate system that cannot be computed", value=crs.name) from error
 
 
 @lru_cache(maxsize=64)

@@ -1,0 +1,80 @@
+"""One LandXML file to one site model; the coordinate system is named here and resolved by `site.coordinates`."""
+
+from pathlib import Path
+
+from workgauge.site.landxml.alignments import read_alignments
+from workgauge.site.landxml.blocks import line_of
+from workgauge.site.landxml.document import Document, child, label, open_document
+from workgauge.site.landxml.elements import PlaceReader
+from workgauge.site.landxml.lines import read_pipes, read_plan_features, read_surface_lines
+from workgauge.site.landxml.points import named_places, read_points
+from workgauge.site.landxml.surfaces import read_surfaces
+from workgauge.site.landxml.units import read_units
+from workgauge.site.model import SiteModel
+from workgauge.values.errors import SiteError
+
+_CRS_KEYS = (
+    "epsgCode",
+    "name",
+    "desc",
+    "horizontalDatum",
+    "horizontalCoordinateSystemName",
+    "ogcWktCode",
+    "verticalDatum",
+    "verticalCoordinateSystemName",
+    "rotationAngle",
+)
+
+
+def looks_like_landxml(path: Path, head: bytes) -> bool:
+    """Return whether a file is to be read as LandXML: by its suffix, or because it starts like XML."""
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    return path.suffix.lower() in (".xml", ".landxml") or text.startswith((b"<", b"\xff\xfe<", b"\xfe\xff\x00<"))
+
+
+def read_landxml(path: Path) -> SiteModel:
+    """Return what a LandXML or Inframodel file holds, its coordinate system not yet resolved.
+
+    Raises:
+        SiteError: the file cannot be read, contradicts itself, or holds nothing.
+    """
+    document = open_document(path)
+    units = read_units(document)
+    places = PlaceReader(document, units, named_places(document, units))
+    alignments, string_lines, cant_units = read_alignments(document, units, places)
+    surfaces = read_surfaces(document, units)
+    points = read_points(document, places)
+    lines = [
+        *string_lines,
+        *read_plan_features(document, units, places),
+        *read_pipes(document, units, places),
+        *read_surface_lines(document, places),
+    ]
+    if not (alignments or surfaces or points or lines):
+        raise SiteError("holds no alignments, surfaces, points or lines", file=path)
+    names = dict(units.names)
+    if cant_units:
+        names["cant"] = ", ".join(sorted(set(cant_units.values())))
+    return SiteModel(
+        crs=None,
+        crs_declared=_declared(document),
+        units=names,
+        alignments=tuple(alignments),
+        surfaces=tuple(surfaces),
+        points=tuple(points),
+        lines=tuple(lines),
+        warnings=tuple(document.warnings),
+        files=(str(path),),
+    )
+
+
+def _declared(document: Document) -> dict[str, str]:
+    """Return what the file says of its coordinate system, verbatim."""
+    element = child(document.root, "CoordinateSystem")
+    if element is None:
+        return {}
+    declared = {key: value.strip() for key in _CRS_KEYS if (value := element.get(key)) and value.strip()}
+    angle = document.number(element, "rotationAngle")
+    if angle:
+        document.warn(f"rotationAngle {angle:g} is not applied", label(element), line_of(element))
+    return declared

@@ -1,0 +1,147 @@
+"""Triangulated surfaces: `Surface` / `Definition` with `Pnts` and `Faces`, checked and wound upwards."""
+
+import numpy as np
+
+from workgauge.site.landxml.blocks import NumberBlock, line_of
+from workgauge.site.landxml.document import Document, Element, child, children, descendants, label
+from workgauge.site.landxml.elements import LARGEST_M
+from workgauge.site.landxml.features import code_of, feature_codes
+from workgauge.site.landxml.units import FileUnits
+from workgauge.site.model import SurfaceModel
+from workgauge.values.arrays import Floats, Ints, freeze
+from workgauge.values.errors import SiteError
+from workgauge.values.limits import Source
+
+#: Triangles whose height over their longest side is less are no triangles [m].
+_SLIVER_M = 1e-6
+
+
+def read_surfaces(document: Document, units: FileUnits) -> list[SurfaceModel]:
+    """Return the triangulated surfaces of a file.
+
+    Raises:
+        SiteError: faces that name missing points, points with one id in two places.
+    """
+    surfaces: list[SurfaceModel] = []
+    for element in descendants(document.root, "Surface"):
+        definition = child(element, "Definition")
+        blocks = (
+            []
+            if definition is None
+            else [document.points[p] for p in children(definition, "Pnts") if p in document.points]
+        )
+        if definition is None or not blocks:
+            document.warn("has no triangles and is left out", label(element), line_of(element))
+            continue
+        faces = [document.faces[f] for f in children(definition, "Faces") if f in document.faces]
+        surface = _surface(document, units, element, definition, blocks, faces)
+        if surface is not None:
+            surfaces.append(surface)
+    return surfaces
+
+
+def _surface(
+    document: Document,
+    units: FileUnits,
+    element: Element,
+    definition: Element,
+    points: list[NumberBlock],
+    face_blocks: list[NumberBlock],
+) -> SurfaceModel | None:
+    owner = label(element)
+    ids = np.concatenate([b.ids for b in points])
+    rows: Floats = np.concatenate([b.values for b in points])
+    vertices = rows[:, [1, 0, 2]] * np.array([units.linear, units.linear, units.elevation])
+    largest = float(np.abs(vertices).max())
+    if largest > LARGEST_M:
+        raise document.error("coordinates beyond any map", element, value=largest, allowed=f"{LARGEST_M:g} m")
+    empty = np.empty((0, 3), dtype=np.int64)
+    named: Ints = np.concatenate([empty, *(b.values for b in face_blocks)])
+    lines: Ints = np.concatenate([empty[:, 0], *(b.lines for b in face_blocks)])
+    if not len(named):
+        document.warn("has points but no faces and is left out", owner, line_of(element))
+        return None
+    _check_ids(document, owner, ids, vertices, np.concatenate([b.lines for b in points]))
+    faces = _indices(document, owner, ids, named, lines)
+    quads = sum(b.quads for b in face_blocks)
+    if quads:
+        document.warn(f"{quads} faces of four points are split in two", owner, line_of(element))
+    faces, area = _upwards(document, owner, vertices, faces, line_of(element))
+    stated = document.number(definition, "area2DSurf")
+    invisible = sum(b.invisible for b in face_blocks)
+    # The declared area is in the file's area unit, which is mostly but not always the square of its linear unit.
+    if stated and not invisible and units.linear == 1.0 and abs(stated - area) > max(0.01, 1e-6 * area):
+        document.warn(f"plan area {stated:.2f} m2 declared, {area:.2f} m2 by its faces, which count", owner)
+    for array in (vertices, faces):
+        freeze(array)
+    properties = feature_codes(element)
+    name = (element.get("name") or "").strip() or f"surface at line {line_of(element) or 0}"
+    return SurfaceModel(
+        name=name,
+        code=code_of(element, properties),
+        desc=element.get("desc") or None,
+        vertices=vertices,
+        faces=faces,
+        plan_area_m2=area,
+        properties=properties,
+        source=Source(document.path.name, name, line_of(element)),
+    )
+
+
+def _check_ids(document: Document, owner: str, ids: Ints, vertices: Floats, lines: Ints) -> None:
+    """Refuse ids given to points in different places."""
+    order = np.argsort(ids, kind="stable")
+    same = np.flatnonzero(ids[order][1:] == ids[order][:-1])
+    for a, b in zip(order[same], order[same + 1], strict=True):
+        if not np.array_equal(vertices[a], vertices[b]):
+            raise SiteError(
+                f"point id {ids[b]} is given twice, at different places",
+                file=document.path,
+                line=int(lines[b]) or None,
+                element=owner,
+            )
+
+
+def _indices(document: Document, owner: str, ids: Ints, named: Ints, lines: Ints) -> Ints:
+    """Return faces as indices of points instead of their ids."""
+    order = np.argsort(ids, kind="stable")
+    sorted_ids = ids[order]
+    place = np.clip(np.searchsorted(sorted_ids, named), 0, len(ids) - 1)
+    missing = sorted_ids[place] != named
+    if missing.any():
+        face, corner = np.argwhere(missing)[0]
+        raise SiteError(
+            f"face {face + 1} names point {named[face, corner]}, which the surface does not have",
+            file=document.path,
+            line=int(lines[face]) or None,
+            element=owner,
+            value=f"{int(missing.any(axis=1).sum())} such faces",
+            allowed=f"{len(ids)} points, ids {ids.min()} to {ids.max()}",
+        )
+    faces: Ints = order[place]
+    return faces
+
+
+def _upwards(document: Document, owner: str, vertices: Floats, faces: Ints, line: int | None) -> tuple[Ints, float]:
+    """Return the faces without degenerate ones, counter-clockwise in plan, and their plan area [m2]."""
+    origin = vertices.mean(axis=0)
+    kept_parts: list[Ints] = []
+    area = 0.0
+    degenerate = vertical = 0
+    for first in range(0, len(faces), 1 << 17):
+        part = faces[first : first + (1 << 17)]
+        a, b, c = (vertices[part[:, k]] - origin for k in range(3))
+        normal = np.cross(b - a, c - a)
+        longest = np.sqrt(np.max([np.sum((p - q) ** 2, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0))
+        good = np.sqrt(np.sum(normal**2, axis=1)) > _SLIVER_M * longest
+        up = normal[:, 2] / 2
+        turned = np.where((up < 0)[:, None], part[:, [0, 2, 1]], part)
+        kept_parts.append(turned[good])
+        area += float(np.abs(up[good]).sum())
+        degenerate += int((~good).sum())
+        vertical += int((good & (np.abs(up) < _SLIVER_M * longest)).sum())
+    if degenerate:
+        document.warn(f"{degenerate} faces without area are left out", owner, line)
+    if vertical:
+        document.warn(f"{vertical} faces are vertical", owner, line)
+    return np.concatenate(kept_parts), area
