@@ -72,7 +72,7 @@ def verify_envelopes(
     surplus: list[Place] = []
     points = 0
     for i, (alignment, block, chains) in enumerate(jobs):
-            line, _ = ground.track_line(alignment, origin)
+        line, _ = ground.track_line(alignment, origin)
         envelope = ExactEnvelope.of(track_shape(block, rules, alignment), line)
         worst = _Worst(alignment.name.strip(), origin)
         for part in _uncovered(envelope, chains):
