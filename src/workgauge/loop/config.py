@@ -1,0 +1,120 @@
+"""What the tick is told once and for all."""
+
+from dataclasses import dataclass
+
+from workgauge.drive.ideal import IdealDrive
+from workgauge.gate.gate import GateConfig
+from workgauge.guard.api import Guard
+from workgauge.machine.model import MachineModel
+from workgauge.motion.desired import MotionConfig
+from workgauge.motion.joystick import LeverFeel
+from workgauge.values.commands import VALVE_FULL, ValveCommand
+from workgauge.values.errors import InputError, WireError
+from workgauge.values.measurements import Stamp
+from workgauge.wire.messages import encode
+
+#: Name of the tick in the frames it makes.
+SOURCE = "tick"
+#: The gate tolerates inputs this many times as old as the tick does before it shuts.
+GATE_PATIENCE = 2.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TickConfig:
+    """Everything the tick needs that does not change from tick to tick.
+
+    Attributes:
+        machine: kinematics and speeds. machine_id: whose inputs count and whose valves are commanded.
+        guard: one of `guard.registry`.
+        radius_m: clearances are searched this far [m].
+        dt_s: the tick's period [s].
+        posture_age_s, pose_age_s, intent_age_s: oldest inputs to move on [s].
+        motion: levers and inverse kinematics.
+        drive: velocity to valves. max_step: (n) largest valve opening per tick.
+        gate: the gate's own limits.
+    """
+
+    machine: MachineModel
+    machine_id: str
+    guard: Guard
+    radius_m: float
+    dt_s: float
+    posture_age_s: float
+    pose_age_s: float
+    intent_age_s: float
+    motion: MotionConfig
+    drive: IdealDrive
+    max_step: tuple[int, ...]
+    gate: GateConfig
+
+
+def tick_config(
+    machine: MachineModel,
+    guard: Guard,
+    *,
+    machine_id: str,
+    dt_s: float = 0.02,
+    radius_m: float = 8.0,
+    posture_age_s: float = 0.1,
+    pose_age_s: float = 0.2,
+    intent_age_s: float = 0.2,
+    ramp_s: float = 0.2,
+    motion: MotionConfig | None = None,
+) -> TickConfig:
+    """Return a configuration whose parts agree with each other.
+
+    Args:
+        machine, guard: see `TickConfig`.
+        machine_id: 1 to 32 bytes.
+        dt_s: the tick's period [s].
+        radius_m: search radius, at least the guard's reach [m].
+        posture_age_s, pose_age_s, intent_age_s: oldest inputs to move on [s].
+        ramp_s: time from closed to full valve, at least one period [s].
+        motion: the levers' and paths' settings; its period is overridden, and its ramp unless one is given.
+
+    Raises:
+        InputError: for a value that makes no sense, naming it.
+    """
+    _check("dt_s", dt_s, 1e-4 <= dt_s <= 1.0, "0.0001 to 1 s")
+    _check("radius_m", radius_m, guard.reach_m <= radius_m < 1e4, f"at least the guard's reach, {guard.reach_m} m")
+    _check("ramp_s", ramp_s, 0.0 <= ramp_s <= 10.0, "0 to 10 s")
+    ages = {"posture_age_s": posture_age_s, "pose_age_s": pose_age_s, "intent_age_s": intent_age_s}
+    for name, age in ages.items():
+        _check(name, age, 0.0 < age <= 10.0, "above 0, at most 10 s")
+    try:
+        encode(ValveCommand(Stamp(machine_id, 0, SOURCE), 0, (0,) * machine.n, False))
+    except WireError as error:
+        raise InputError(error.message, element="machine_id", value=machine_id, allowed=error.allowed) from None
+    given = motion or MotionConfig(feel=LeverFeel(ramp_s=ramp_s))
+    settings = {name: getattr(given, name) for name in MotionConfig.__slots__} | {"dt_s": dt_s}
+    step = max(int(VALVE_FULL * dt_s / ramp_s), 1) if ramp_s > dt_s else VALVE_FULL
+    return TickConfig(
+        machine=machine,
+        machine_id=machine_id,
+        guard=guard,
+        radius_m=radius_m,
+        dt_s=dt_s,
+        posture_age_s=posture_age_s,
+        pose_age_s=pose_age_s,
+        intent_age_s=intent_age_s,
+        motion=MotionConfig(**settings),
+        drive=IdealDrive.of(machine),
+        max_step=(step,) * machine.n,
+        gate=GateConfig(
+            machine_id=machine_id,
+            source="gate",
+            joints=machine.n,
+            valve_limit=VALVE_FULL,
+            max_step=(step,) * machine.n,
+            posture_age_ns=round(GATE_PATIENCE * posture_age_s * 1e9),
+            pose_age_ns=round(GATE_PATIENCE * pose_age_s * 1e9),
+            intent_age_ns=round(GATE_PATIENCE * intent_age_s * 1e9),
+            command_age_ns=round(dt_s * 1e9),
+            exclusive_groups=machine.exclusive_groups,
+        ),
+    )
+
+
+def _check(name: str, value: float, fine: bool, allowed: str) -> None:
+    if not fine:
+        raise InputError("setting out of range", element=name, value=value, allowed=allowed)

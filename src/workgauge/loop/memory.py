@@ -1,0 +1,71 @@
+"""What the tick remembers, and its plain form that goes through JSON unchanged."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from workgauge.gate.gate import GateState
+from workgauge.guard.api import Memory
+from workgauge.loop.config import TickConfig
+from workgauge.motion.desired import MotionMemory
+from workgauge.values.errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class TickMemory:
+    """Everything a tick hands to the next.
+
+    Attributes:
+        sequence: of the next command.
+        valves: (n) the valves that really went out last.
+        motion: levers after the ramp, the line being followed.
+        guard: what the guard wants to remember.
+        gate: open or closed, and what it last sent.
+    """
+
+    sequence: int
+    valves: tuple[int, ...]
+    motion: MotionMemory
+    guard: Memory
+    gate: GateState
+
+    def plain(self) -> dict[str, Any]:
+        """Return the memory as dicts, lists, numbers and strings."""
+        return {
+            "sequence": self.sequence,
+            "valves": list(self.valves),
+            "motion": {name: _listed(value) for name, value in asdict(self.motion).items()},
+            "guard": dict(self.guard),
+            "gate": {name: _listed(value) for name, value in asdict(self.gate).items()},
+        }
+
+
+def first_memory(config: TickConfig) -> TickMemory:
+    """Return the memory before the first tick: valves closed, gate closed."""
+    return TickMemory(0, (0,) * config.machine.n, MotionMemory(), config.guard.start(), GateState())
+
+
+def restored(plain: Mapping[str, Any]) -> TickMemory:
+    """Return the memory whose `plain` form this is; a run goes on from it bit for bit.
+
+    Raises:
+        InputError: if it is not such a form.
+    """
+    try:
+        return TickMemory(
+            sequence=int(plain["sequence"]),
+            valves=tuple(int(valve) for valve in plain["valves"]),
+            motion=MotionMemory(**{name: _tupled(value) for name, value in plain["motion"].items()}),
+            guard=dict(plain["guard"]),
+            gate=GateState(**{name: _tupled(value) for name, value in plain["gate"].items()}),
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError("not a tick's memory", element="memory", value=str(error)) from None
+
+
+def _listed(value: object) -> object:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _tupled(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value

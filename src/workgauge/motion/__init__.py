@@ -1,0 +1,1 @@
+"""What is wanted: the operator's levers to desired joint velocity."""

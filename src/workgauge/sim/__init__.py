@@ -1,0 +1,1 @@
+"""Simulated machines that speak the same bytes as real ones."""

@@ -1,0 +1,119 @@
+"""The kinematic plant: ideal joints that follow their valves at once, up to their stops."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from workgauge.drive.ideal import IdealDrive
+from workgauge.machine.model import MachineModel
+from workgauge.values.arrays import Floats, frozen
+from workgauge.values.commands import VALVE_FULL
+from workgauge.values.errors import MachineError, WireError
+from workgauge.values.measurements import MachinePose, Posture, Stamp
+from workgauge.wire.messages import decode_command, encode
+
+#: Called after every substep with the plant's clock [ns], the true joint positions (n,) and T_site_machine (4, 4).
+OnSubstep = Callable[[int, Floats, Floats], None]
+
+
+class KinematicPlant:
+    """A machine without mass, oil or noise, on a clock of its own; implements `values.ports.Plant`.
+
+    Valve frames that are broken, for another machine, of the wrong length or out of range are ignored and counted;
+    the last good one goes on acting. A frame whose enable flag is off closes every valve.
+
+    Args:
+        machine: its kinematics and joint stops.
+        machine_id: whose frames it takes and sends.
+        q: (n,) joint positions at the start, within the stops [rad, m].
+        T_site_machine: (4, 4) pose of the undercarriage, which stays.
+        start_ns: the plant's clock at the start [ns].
+        substep_s: longest time between two looks at the truth [s].
+        on_substep: called after every substep.
+
+    Raises:
+        MachineError: if the posture is not one of this machine.
+    """
+
+    def __init__(
+        self,
+        machine: MachineModel,
+        *,
+        machine_id: str,
+        q: ArrayLike,
+        T_site_machine: ArrayLike,
+        start_ns: int = 0,
+        substep_s: float = 0.005,
+        on_substep: OnSubstep | None = None,
+    ) -> None:
+        posture = np.array(q, dtype=np.float64)
+        if posture.shape != (machine.n,):
+            raise MachineError("one position per joint", element="q", value=posture.shape, allowed=str(machine.n))
+        if not ((posture >= machine.q_min) & (posture <= machine.q_max)).all():
+            raise MachineError("a joint starts beyond its stop", element="q", value=posture.tolist())
+        if not substep_s > 0.0:
+            raise MachineError("a substep takes time", element="substep_s", value=substep_s, allowed="above 0")
+        self.bad_frames = 0
+        self.now_ns = start_ns
+        self._machine = machine
+        self._machine_id = machine_id
+        self._drive = IdealDrive.of(machine)
+        self._q = frozen(posture)
+        self._T_site_machine = frozen(T_site_machine, (4, 4))
+        self._velocity = np.zeros(machine.n)
+        self._substep_s = substep_s
+        self._on_substep = on_substep
+        self._sequence = 0
+        self._sent: list[bytes] = []
+        self._measure()
+
+    @property
+    def truth(self) -> tuple[Floats, Floats]:
+        """Where the machine really is: joint positions (n,) and T_site_machine (4, 4)."""
+        return self._q, self._T_site_machine
+
+    def write(self, frame: bytes) -> None:
+        """Take one valve command frame; it acts from now until the next."""
+        try:
+            command = decode_command(frame, self.now_ns).value
+        except WireError:
+            self.bad_frames += 1
+            return
+        valves = command.valves
+        fits = len(valves) == self._machine.n and all(abs(valve) <= VALVE_FULL for valve in valves)
+        if not fits or command.stamp.machine_id != self._machine_id:
+            self.bad_frames += 1
+            return
+        self._velocity = np.array(self._drive.velocity(valves if command.enable else (0,) * len(valves)))
+
+    def advance(self, dt_s: float) -> None:
+        """Let `dt_s` seconds pass in equal substeps, then measure.
+
+        Raises:
+            ValueError: if `dt_s` is not a positive, finite number.
+        """
+        if not 0.0 < dt_s < math.inf:
+            raise ValueError(f"time passes forwards, not by {dt_s} s")
+        start, total = self.now_ns, max(round(dt_s * 1e9), 1)
+        steps = math.ceil(total / (self._substep_s * 1e9) - 1e-9)
+        for step in range(1, steps + 1):
+            now = start + total * step // steps
+            moved = self._q + self._velocity * ((now - self.now_ns) * 1e-9)
+            self._q = frozen(np.clip(moved, self._machine.q_min, self._machine.q_max))
+            self.now_ns = now
+            if self._on_substep is not None:
+                self._on_substep(now, self._q, self._T_site_machine)
+        self._measure()
+
+    def read(self) -> list[bytes]:
+        """Return the sensor frames that arrived since the last call, oldest first; the first call has the start's."""
+        sent, self._sent = self._sent, []
+        return sent
+
+    def _measure(self) -> None:
+        stamp = Stamp(self._machine_id, self.now_ns, "kinematic", self.now_ns)
+        self._sent.append(encode(Posture.exact(stamp, self._q), self._sequence))
+        self._sent.append(encode(MachinePose.exact(stamp, self._T_site_machine), self._sequence))
+        self._sequence = (self._sequence + 1) % 2**32
