@@ -56,8 +56,8 @@ class ExactEnvelope:
             by_cant = shape.lean.lean(state.cant[:, None], h)
             by_deficiency = shape.lean.lean(shape.lean.assumed_deficiency(state.curvature)[:, None], h)
             for side, sign in enumerate((1.0, -1.0)):
-                low, outer = sign * state.cant[:, None] > 0, sign * state.curvature[:, None] < 0
-                lean[side] = np.maximum(by_cant * low, by_deficiency * outer)
+                leans, outer = sign * state.cant[:, None] > 0, sign * state.curvature[:, None] < 0
+                lean[side] = np.maximum(by_cant * leans, by_deficiency * outer)
         sides = [
             required_half_width(
                 shape.half_widths, np.interp(state.distance, self.grid, self.widening[:, side])[:, None], lean[side],
@@ -68,13 +68,13 @@ class ExactEnvelope:
         left = np.concatenate([sides[0], -sides[1][:, ::-1]], axis=1)
         up = np.broadcast_to(np.concatenate([h, h[::-1]]), left.shape)
         if shape.cant is not None:
-            sign = np.where(state.cant < 0, -1.0, 1.0)[:, None]
+            low = np.where(state.cant < 0, -1.0, 1.0)[:, None]
             half = shape.cant.base / 2
-            pivots = {"centre": 0 * sign, "low_rail": half + 0 * sign, "high_rail": -half + 0 * sign}
-            pivot = {**pivots, "left_rail": half * sign, "right_rail": -half * sign}[shape.cant.pivot]
+            pivots = {"centre": 0 * low, "low_rail": half + 0 * low, "high_rail": -half + 0 * low}
+            pivot = {**pivots, "left_rail": half * low, "right_rail": -half * low}[shape.cant.pivot]
             angle = cant_angle(np.abs(state.cant), shape.cant.base)[:, None]
-            inside, up = rotate(left * sign, up, angle, pivot)
-            left = inside * sign
+            inside, up = rotate(left * low, up, angle, pivot)
+            left = inside * low
         return np.stack([left, up], axis=-1)
 
     def boundary(self, d: Floats, spacing: float) -> Floats:
