@@ -129,7 +129,9 @@ def _levers(description: MachineDescription) -> tuple[str | None, ...]:
     levers = tuple(joint.lever for joint in description.joints)
     for i, lever in enumerate(levers):
         if lever is not None and lever in levers[:i]:
-            raise DescriptionError(("joints", i, "lever"), "lever moves another joint already", lever, "one joint each")
+            raise DescriptionError(
+                ("joints", i, "lever"), "lever moves another joint already", lever, "one joint each"
+            )
     return levers
 
 

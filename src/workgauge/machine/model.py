@@ -146,7 +146,7 @@ class MachineModel:
         for i in range(len(frames)):
             frames[i] = placements[i].homogeneous
         frames = frames @ self._T_joint_links
-        jacobian = np.array(scratch.J)
+        jacobian = np.array(scratch.J).reshape(6, -1)  # one joint comes back flat
         for array in (posture, frames, jacobian):
             array.setflags(write=False)
         return Kinematics(posture, frames, jacobian)
@@ -170,7 +170,7 @@ class MachineModel:
         jacobian = kin.spatial_jacobian
         jacobians: Floats = minus_skew @ jacobian[3:]
         jacobians += jacobian[:3]
-        jacobians *= self._moves[np.asarray(links)][:, None, :]
+        jacobians *= self._moves[np.asarray(links, dtype=np.intp)][:, None, :]
         return jacobians
 
     def tool_pose(self, kin: Kinematics) -> Floats:

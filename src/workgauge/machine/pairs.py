@@ -57,7 +57,7 @@ def find_self_pairs(
     return tuple(kept), tuple(skipped)
 
 
-def postures(machine: MachineModel, count: int = POSTURES) -> Floats:
+def postures(machine: MachineModel, count: int) -> Floats:
     """Return (m, n) postures: home, the corners of the limits, then an additive low-discrepancy sequence."""
     lower, upper = machine.sample_min, machine.sample_max
     corners = [machine.home]
@@ -73,7 +73,7 @@ def postures(machine: MachineModel, count: int = POSTURES) -> Floats:
 
 def _sampled_solids(machine: MachineModel) -> tuple[Floats, Floats]:
     poses, halves = [], []
-    for q in postures(machine):
+    for q in postures(machine, POSTURES):
         pose, half = machine.solid_poses(machine.forward(q))
         poses.append(pose)
         halves.append(half)
