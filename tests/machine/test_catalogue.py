@@ -2,6 +2,7 @@
 
 import itertools
 import json
+from importlib import resources
 
 import numpy as np
 import pytest
@@ -193,10 +194,8 @@ def test_the_demolition_robot() -> None:
     assert machine.n == 5
     assert machine.exclusive_groups == ((1,), (0, 2, 3, 4))
     assert {stopping.dead_time_s for stopping in machine.stopping_positive + machine.stopping_negative} == {1.3}
-    text = (
-        __import__("importlib.resources").resources.files("workgauge") / "shipped/machines/brokk5.yaml"
-    ).read_text()
-    assert text.startswith("#") and text.count("assumed: true") >= 1 + machine.n
+    text = (resources.files("workgauge") / "shipped" / "machines" / "brokk5.yaml").read_text()
+    assert text.count("assumed: true") >= 1 + machine.n
 
 
 def test_stopping_and_pump_in_si(rre20: MachineModel) -> None:

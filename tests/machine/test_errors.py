@@ -235,7 +235,7 @@ FILES: dict[str, tuple[bytes, str]] = {
     "deep": (b"[" * 20000, "bad YAML"),
     "bomb": (b"a: &a [x,x]\nb: &b [*a,*a]\nc: &c [*b,*b]\n", "aliases"),
     "too large": (b"#" * 1_000_001, "no machine description"),
-    "not a date": (b"title: 2024-13-45\n", "bad YAML|machine.yaml"),
+    "not a date": (b"title: 2024-13-45\n", "bad YAML: month"),
     "two documents": (b"title: a\n---\ntitle: b\n", "bad YAML"),
 }
 

@@ -36,6 +36,8 @@ class Kinematics:
 class MachineModel:
     """An immutable machine. Link k moves with joints 1 to k (index 0 to k - 1); link 0 is the undercarriage.
 
+    Every result is a pure function of its arguments; `forward` works in one scratch area, so one thread at a time.
+
     Attributes:
         name, title: what it is called. attachment: the one mounted; attachments: all that could be.
         joint_names: (n). link_names: (n + 1), the undercarriage first.
