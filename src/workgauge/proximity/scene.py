@@ -8,18 +8,22 @@ import numpy as np
 
 from workgauge.machine.model import Kinematics, MachineModel
 from workgauge.proximity.cells import OrientedBoxes, cut
-from workgauge.proximity.chain import Chain, penetrate, prepare
+from workgauge.proximity.chain import penetrate
+from workgauge.proximity.overlap import box_polyhedron, signed_distance
 from workgauge.proximity.pairs import box_gaps, oriented_gaps
-from workgauge.proximity.shapes import Placed, measure, new_result, placed_boxes, placed_cell
+from workgauge.proximity.shapes import TOUCHING_M, Placed, measure, new_result, placed_boxes
+from workgauge.proximity.store import CellShapes
 from workgauge.proximity.surface import SurfaceIndex
 from workgauge.values.arrays import Floats, Ints, frozen, frozen_ints
 from workgauge.values.clearances import Clearances
 from workgauge.values.limits import Activity, Limit
-from workgauge.values.solids import PrismChain, Surface, Tube
+from workgauge.values.solids import Surface, Tube
 
 _ALWAYS = Activity()
 #: Lower bounds may be this much too large by rounding [m].
 _SLACK_M = 1e-9
+#: (solid, limit, cell), distance, way out, point of the machine, point of the limit.
+_Row = tuple[tuple[int, int, int], float, Floats, Floats, Floats]
 
 
 class _Rows:
@@ -57,8 +61,8 @@ class Scene:
         self.limits = tuple(limits)
         self.limit_ids = (*(limit.id for limit in self.limits), *(f"self:{name}" for name in machine.link_names))
         self._cells = cut(self.limits)
-        self._placed: dict[int, Placed] = {}
-        self._chains: dict[int, Chain] = {}
+        self._shapes = CellShapes(self.limits, self._cells)
+        self._radii = [limit.solid.radius if isinstance(limit.solid, Tube) else 0.0 for limit in self.limits]
         self._surfaces = [
             (i, SurfaceIndex(limit.solid)) for i, limit in enumerate(self.limits) if isinstance(limit.solid, Surface)
         ]
@@ -166,45 +170,49 @@ class Scene:
             strict=True,
         )
         solid = limit = -1
-        best = radius_m
-        touched: list[int] = []  # cells of this limit whose boxes the solid's box meets
-        row: tuple[tuple[int, int, int, int], float, Floats, Floats, Floats] | None = None
+        touching_m, best = 0.0, radius_m
+        touched: list[int] = []
+        row: _Row | None = None
         for s, i, cell, bound in pairs:
             if s != solid or i != limit:
-                if row is not None:
-                    self._finish(rows, boxes, row, touched)
-                solid, limit, best, row, touched = s, i, radius_m, None, []
-            if bound > 0.0:
-                if bound >= best + _SLACK_M:
-                    continue
-            else:
+                self._finish(rows, boxes, row, touched)
+                solid, limit, row, touched = s, i, None, []
+                touching_m, best = TOUCHING_M - self._radii[i], radius_m
+            if bound >= best + _SLACK_M and bound > _SLACK_M:
+                continue
+            distance, u, on_limit, on_machine = measure(self._shapes.placed(cell), placed[s], result)
+            if distance <= touching_m:
                 touched.append(cell)
-            distance, u, on_limit, on_machine = measure(self._shape(cell), placed[s], result)
             if distance < best:
                 best = distance
-                row = ((s, i, cell, -1), distance, u, on_machine, on_limit)
-        if row is not None:
-            self._finish(rows, boxes, row, touched)
+                row = (s, i, cell), distance, u, on_machine, on_limit
+        self._finish(rows, boxes, row, touched)
 
-    def _finish(
-        self,
-        rows: _Rows,
-        boxes: OrientedBoxes,
-        row: tuple[tuple[int, int, int, int], float, Floats, Floats, Floats],
-        touched: list[int],
-    ) -> None:
-        """Add the nearest cell of one limit, or how deep the solid is inside the chain of its cells."""
-        (s, i, cell, _), distance, u, on_machine, on_limit = row
+    def _finish(self, rows: _Rows, boxes: OrientedBoxes, row: _Row | None, touched: list[int]) -> None:
+        """Add what was found for one solid and limit; if they touch, measured anew by other means."""
+        if row is None:
+            return
+        (s, i, cell), distance, u, on_machine, on_limit = row
         index = int(self._cells.cells[cell])
-        if distance < 0.0 and index >= 0:
-            first = cell - index
-            found = penetrate(
-                self._chain(i), [c - first for c in sorted(touched)], boxes.axes[s], boxes.centres[s], boxes.halves[s]
-            )
-            if found is not None:
-                index, distance, u = found.cell, -found.depth, found.normal
-                on_machine, on_limit = found.point_machine, found.point_limit
+        if touched:
+            index, distance, u, on_machine, on_limit = self._overlap(boxes, s, i, sorted(touched))
         rows.add((s, i, index, -1), distance, u, on_machine, on_limit)
+
+    def _overlap(
+        self, boxes: OrientedBoxes, s: int, i: int, touched: list[int]
+    ) -> tuple[int, float, Floats, Floats, Floats]:
+        """Return cell index, distance, way out and points of a solid that touches cells of one limit."""
+        indices = [int(self._cells.cells[cell]) for cell in touched]
+        if indices[0] >= 0:
+            found = penetrate(self._shapes.chain(i), indices, boxes.axes[s], boxes.centres[s], boxes.halves[s])
+            if found is not None:
+                return found.cell, -found.depth, found.normal, found.point_machine, found.point_limit
+        solid = box_polyhedron(boxes, s)
+        measured = [signed_distance(self._shapes.polyhedron(cell), solid) for cell in touched]
+        nearest = min(range(len(touched)), key=lambda k: measured[k][0])
+        distance, u, on_machine = measured[nearest]
+        distance -= self._radii[i]
+        return indices[nearest], distance, u, on_machine, on_machine - distance * u
 
     def _measure_surfaces(
         self,
@@ -242,6 +250,9 @@ class Scene:
         for k in np.flatnonzero(bounds < radius_m + _SLACK_M).tolist():
             mover, other = int(movers[k]), int(others[k])
             distance, u, on_other, on_mover = measure(placed[other], placed[mover], result)
+            if distance <= TOUCHING_M:
+                distance, u, on_mover = signed_distance(box_polyhedron(boxes, other), box_polyhedron(boxes, mover))
+                on_other = on_mover - distance * u
             if distance < radius_m:
                 link = self._links[other]
                 rows.add((mover, len(self.limits) + link, other, link), distance, u, on_mover, on_other)
@@ -272,18 +283,3 @@ class Scene:
             self.limit_ids,
             radius_m,
         )
-
-    def _shape(self, cell: int) -> Placed:
-        placed = self._placed.get(cell)
-        if placed is None:
-            placed = placed_cell(self.limits[self._cells.limits[cell]], int(self._cells.cells[cell]))
-            self._placed[cell] = placed
-        return placed
-
-    def _chain(self, i: int) -> Chain:
-        chain = self._chains.get(i)
-        if chain is None:
-            solid = self.limits[i].solid
-            assert isinstance(solid, PrismChain | Tube)
-            chain = self._chains[i] = prepare(solid)
-        return chain

@@ -18,7 +18,7 @@ Placed = tuple[Any, Any]
 def distance_request() -> Any:
     """Return coal's settings: errors below 1e-6 m even for touching, nearly parallel faces; no warm start."""
     request = coal.DistanceRequest()
-    request.gjk_tolerance = request.epa_tolerance = 1e-9
+    request.gjk_tolerance = request.epa_tolerance = 1e-12
     request.gjk_max_iterations = request.epa_max_iterations = 256
     request.gjk_initial_guess = coal.GJKInitialGuess.DefaultGuess
     return request
@@ -94,15 +94,21 @@ def placed_mesh(vertices: Floats, faces: Ints) -> Placed:
     return mesh, coal.Transform3s(np.eye(3), np.zeros(3))
 
 
-#: distance, unit normal from the first to the second, points on the first and on the second (site frame).
+#: At and below this distance coal may be wrong about solids with faces, and `overlap` decides [m].
+TOUCHING_M = 1e-6
+
+#: Distance, unit normal from the first to the second, points on the first and on the second (site frame).
 Measured = tuple[float, Floats, Floats, Floats]
 
 
 def measure(first: Placed, second: Placed, result: Any) -> Measured:
-    """Return the signed distance of two convex shapes: outside Euclidean, inside the least way out (negative)."""
+    """Return the distance of two convex shapes, to be believed only above `TOUCHING_M`.
+
+    For a capsule that bound is meant for its axis: its radius is taken off afterwards.
+    """
     result.clear()
     distance = coal.distance(first[0], first[1], second[0], second[1], REQUEST, result)
-    return distance, result.normal, result.getNearestPoint1(), result.getNearestPoint2()
+    return distance, result.normal.copy(), result.getNearestPoint1(), result.getNearestPoint2()
 
 
 def measure_mesh(
