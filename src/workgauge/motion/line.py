@@ -63,4 +63,6 @@ def rotation_vector(R: Floats) -> Floats:
 
 def _at_most(vector: Floats, longest: float) -> Floats:
     length = math.sqrt(float(vector @ vector))
+    if longest == 0.0:
+        return np.zeros(3)
     return vector * (longest / length) if length > longest else vector
