@@ -97,6 +97,7 @@ def run() -> RunResult:
         self_m=np.full(len(t), 0.7),
         tool=np.stack([reach, np.full(len(t), -0.5), np.full(len(t), 1.6)], axis=1),
         step=np.zeros(len(t)),
+        by_limit={"point:Pole 12": gap, "surface:Ground": np.where(t > 2, 1.3 + 0.1 * np.sin(t), np.nan)},
     )
     nearest = int(np.argmin(gap))
     return RunResult(

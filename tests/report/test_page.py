@@ -92,7 +92,7 @@ def test_a_run_with_nothing_in_sight_still_makes_a_page(run: RunResult) -> None:
     nothing = np.full(len(run.series), np.nan)
     far = replace(
         run,
-        series=replace(run.series, true_m=nothing, believed_m=nothing),
+        series=replace(run.series, true_m=nothing, believed_m=nothing, by_limit={}),
         min_clearance_m=None,
         min_limit=None,
         min_link=None,

@@ -1,5 +1,6 @@
 """What a rehearsed run leaves behind: plain series, intervals and snapshots, ready for pages and JSON."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -106,6 +107,8 @@ class Series:
         self_m: (n,) smallest true clearance between the machine's own links, NaN if none was in sight [m].
         tool: (n, 3) true tool centre point in the site's local frame [m].
         step: (n,) index of the drive's step.
+        by_limit: limit id to true clearance within the tick (n,), NaN where out of sight, of the limits that came
+            nearest, nearest first [m].
     """
 
     t_s: Floats
@@ -119,6 +122,7 @@ class Series:
     self_m: Floats
     tool: Floats
     step: Floats
+    by_limit: Mapping[str, Floats]
 
     def __len__(self) -> int:
         return len(self.t_s)

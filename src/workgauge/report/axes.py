@@ -1,7 +1,7 @@
 """A small line chart as SVG text: scales with round ticks, lines, threshold lines, shaded spans, direct labels."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from html import escape
 
@@ -10,7 +10,10 @@ import numpy as np
 from workgauge.values.arrays import Floats
 
 #: Left, right, top, bottom margins round the plot area [px].
-MARGIN = (64, 118, 14, 44)
+MARGIN = (64, 128, 14, 44)
+
+#: Width of a small letter and of a label's, about [px].
+LETTER_PX, LABEL_PX = 6.0, 7.0
 
 
 def nice_step(span: float, wanted: int) -> float:
@@ -125,14 +128,17 @@ class Chart:
             f'height="{self.height - MARGIN[2] - MARGIN[3]}"><title>{escape(text)}</title></rect>'
         )
 
-    def mark(self, x: float, text: str) -> None:
-        """Draw a vertical hairline with a small text at its top."""
-        column = self.x(x)
-        self._marks.append(
-            f'<line class="mark" x1="{column:.1f}" x2="{column:.1f}" y1="{MARGIN[2]}" '
-            f'y2="{self.height - MARGIN[3]}"/>'
-            f'<text class="note" x="{column + 4:.1f}" y="{MARGIN[2] + 11}">{escape(text)}</text>'
-        )
+    def marks(self, places: Sequence[tuple[str, float]]) -> None:
+        """Draw vertical hairlines at (text, x), with the text at the top where it fits before the next one."""
+        ends = [x for _, x in places[1:]] + [self.x_range[1]]
+        for (text, x), end in zip(places, ends, strict=True):
+            column = self.x(x)
+            fits = self.x(end) - column > 4 + LETTER_PX * len(text)
+            note = f'<text class="note" x="{column + 4:.1f}" y="{MARGIN[2] + 11}">{escape(text)}</text>'
+            self._marks.append(
+                f'<line class="mark" x1="{column:.1f}" x2="{column:.1f}" y1="{MARGIN[2]}" '
+                f'y2="{self.height - MARGIN[3]}"><title>{escape(text)}</title></line>' + (note if fits else "")
+            )
 
     def dot(self, x: float, y: float, text: str) -> None:
         """Draw a dot with a text beside it."""
@@ -180,9 +186,12 @@ class Chart:
             for i in reversed(range(len(placed))):
                 placed[i] = min(placed[i], limit)
                 limit = placed[i] - 15
+        most = int((MARGIN[1] - 10) / LABEL_PX)
         for (_, text, css), row in zip(rows, placed, strict=True):
+            shown = text if len(text) <= most else text[: most - 1] + "…"
             yield (
-                f'<text class="tag {css}" x="{self.width - MARGIN[1] + 8}" y="{row + 4:.1f}">{escape(text)}</text>'
+                f'<text class="tag {css}" x="{self.width - MARGIN[1] + 8}" y="{row + 4:.1f}">{escape(shown)}'
+                f"<title>{escape(text)}</title></text>"
             )
 
     def svg(self) -> str:

@@ -11,18 +11,17 @@ def _time_range(result: RunResult) -> tuple[float, float]:
     return 0.0, max(result.simulated_s, result.tick_s)
 
 
-def _mark_steps(chart: Chart, result: RunResult) -> None:
-    for words, start in result.steps:
-        chart.mark(start, words)
-
-
 def clearance_figure(result: RunResult) -> str:
-    """Return the smallest true clearance to a limit over time, with p_u and p_l, after figure 4.4."""
+    """Return the true clearance to the nearest limits over time, with p_u and p_l, after figure 4.4.
+
+    The limit that came nearest is drawn bold.
+    """
     series = result.series
-    seen = series.true_m[np.isfinite(series.true_m)]
+    first = next(iter(series.by_limit.values()), series.true_m)
+    seen = first[np.isfinite(first)]
     top = float(max(seen.max(initial=0.0), 1.2 * (result.slow_distance_m or 0.0), 0.5)) * 1.06
     low = float(min(0.0, seen.min(initial=0.0))) * 1.1
-    chart = Chart("Smallest true clearance over time", "time [s]", "clearance [m]", _time_range(result), (low, top))
+    chart = Chart("True clearance over time", "time [s]", "clearance [m]", _time_range(result), (low, top))
     if low < 0:
         chart.band(low, 0.0, "bad")
     if result.stop_distance_m is not None:
@@ -32,8 +31,10 @@ def clearance_figure(result: RunResult) -> str:
         if result.stop_distance_m is not None:
             chart.band(result.stop_distance_m, result.slow_distance_m, "slow")
         chart.threshold(result.slow_distance_m, f"p_u {result.slow_distance_m:.2f} m", "slow")
-    _mark_steps(chart, result)
-    chart.line(series.t_s, series.true_m, "s0", "clearance")
+    chart.marks(result.steps)
+    for i, (limit, clearance) in reversed(list(enumerate(series.by_limit.items()))):
+        shown = np.where(clearance <= top, clearance, np.nan)
+        chart.line(series.t_s, shown, "s0 main" if i == 0 else f"s{i + 1} beside", result.name_of(limit))
     if result.min_clearance_m is not None:
         chart.dot(result.nearest.t_s, result.min_clearance_m, f"{result.min_clearance_m:.3f} m")
     return chart.svg()
@@ -51,7 +52,7 @@ def speed_figure(result: RunResult) -> str:
     reach = 1.12 * max(float(np.abs(wanted).max(initial=0.0)), float(np.abs(allowed).max(initial=0.0)), 1.0)
     unit = "joint speed [°/s]" if not any(result.prismatic) else "joint speed [°/s, mm/s]"
     chart = Chart("Joint speeds over time", "time [s]", unit, _time_range(result), (-reach, reach), height=370)
-    _mark_steps(chart, result)
+    chart.marks(result.steps)
     for j, name in enumerate(result.joint_names):
         chart.line(result.series.t_s, wanted[:, j], f"s{j % 8} wanted", f"{name}, asked for", tag=False)
     for j, name in enumerate(result.joint_names):
@@ -66,6 +67,6 @@ def scale_figure(result: RunResult) -> str:
     )
     for cause in result.interventions:
         chart.span(cause.t_s, cause.until_s, "cause", cause.text)
-    _mark_steps(chart, result)
+    chart.marks(result.steps)
     chart.line(result.series.t_s, 100.0 * result.series.scale, "s0", "guard")
     return chart.svg()

@@ -130,8 +130,8 @@ def render(result: RunResult) -> str:
 {_tiles(result)}
 <section>
 <h2>Clearance</h2>
-<p>Smallest true distance between any link and any limit. Between p_u and p_l the approach is slowed in proportion;
-at p_l it is refused. Moving away is never slowed.</p>
+<p>True distance between the machine and the limits that came nearest. Between p_u and p_l an approach is slowed in
+proportion; at p_l it is refused. Moving away is never slowed.</p>
 {clearance_figure(result)}
 </section>
 <section>

@@ -69,7 +69,12 @@ class View:
     def text(self, point: Floats, words: str) -> None:
         """Write words beside a point."""
         ((x, y),) = self.xy(point)
-        self.parts.append(f'<text class="callout" x="{x + 9:.1f}" y="{y - 9:.1f}">{escape(words)}</text>')
+        left = x > WIDTH / 2
+        anchor, shift = ("end", -9.0) if left else ("start", 9.0)
+        self.parts.append(
+            f'<text class="callout" text-anchor="{anchor}" x="{x + shift:.1f}" y="{y - 12:.1f}">'
+            f"{escape(words)}</text>"
+        )
 
     def _scale_bar(self) -> str:
         length = nice_step(WIDTH / self.scale, 6)
@@ -152,16 +157,25 @@ def plan_view(result: RunResult) -> str:
 
 
 def side_direction(result: RunResult) -> Floats:
-    """Return the unit plan direction (2,) of the side view: from the machine to the nearest limit, or its front."""
-    base = result.nearest.T_site_boxes[0]
-    target = result.nearest.point_limit
-    along = base[:2, 0] if target is None else (target - base[:3, 3])[:2]
-    length = float(np.linalg.norm(along))
-    return np.asarray(along / length if length > 0.1 else np.array([1.0, 0.0]), dtype=np.float64)
+    """Return the unit plan direction (2,) of the side view, pointing at the nearest limit.
+
+    It is the way of the smallest clearance, so that the gap is seen in its true length; where that goes up or down,
+    the way from the machine to the place, and without any limit the machine's front.
+    """
+    near = result.nearest
+    base = near.T_site_boxes[0]
+    ways = [base[:2, 0]]
+    if near.point_limit is not None and near.point_machine is not None and near.clearance_m is not None:
+        ways.insert(0, (near.point_limit - base[:3, 3])[:2])
+        gap = (near.point_limit - near.point_machine) * np.sign(near.clearance_m)
+        if np.linalg.norm(gap[:2]) > 0.5 * np.linalg.norm(gap):
+            ways.insert(0, gap[:2])
+    way = next((way for way in ways if np.linalg.norm(way) > 1e-6), np.array([1.0, 0.0]))
+    return np.asarray(way / np.linalg.norm(way), dtype=np.float64)
 
 
 def side_view(result: RunResult) -> str:
-    """Return the view along the horizontal, square to the plane through the machine and the nearest limit.
+    """Return the view along the horizontal, square to the upright plane in which the machine is nearest to a limit.
 
     Limits are cut by that plane, which stands on the closest point; the machine is drawn in silhouette.
     """

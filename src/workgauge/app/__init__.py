@@ -1,0 +1,1 @@
+"""The command line: wiring and formatting, no logic of its own."""

@@ -1,0 +1,184 @@
+"""`workgauge run`: a rehearsal on a simulated machine, watched or headless, with a report."""
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from workgauge.app.live import LiveView, plain_bar
+from workgauge.app.output import facts, input_errors_exit_2, print_json, stderr, stdout, table, warn
+from workgauge.app.site_commands import Epsg, Json
+from workgauge.rehearse.result import RunResult
+from workgauge.rehearse.run import Progress, default_drive, drive_at_anything, open_session, run_session
+from workgauge.rehearse.scenario import Step, load_scenario
+from workgauge.rehearse.session import Session
+from workgauge.report.page import write_report
+from workgauge.report.verdict import details, headline, metres
+from workgauge.values.errors import ScenarioError
+from workgauge.values.limits import LimitKind
+
+DEFAULT_SCENARIO = "pole-approach"
+
+
+def parse_place(text: str) -> tuple[float, float, float]:
+    """Return (east, north, heading in degrees) of `E,N,HEADING_DEG`.
+
+    Raises:
+        typer.BadParameter: if it is anything else.
+    """
+    try:
+        east, north, heading = (float(part) for part in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is not E,N,HEADING_DEG", param_hint="--at") from None
+    if not all(math.isfinite(value) for value in (east, north, heading)):
+        raise typer.BadParameter(f"{text!r}: numbers must be finite", param_hint="--at")
+    return east, north, heading
+
+
+@input_errors_exit_2
+def run_command(
+    site: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE…", help="Site files, one or several after it, or repeated.")
+    ] = None,
+    machine: Annotated[str | None, typer.Option(metavar="M", help="A shipped machine, or a file.")] = None,
+    rules: Annotated[
+        str | None, typer.Option(metavar="R", help="Rule book: a file, or finland, germany, generic.")
+    ] = None,
+    scenario: Annotated[
+        str | None,
+        typer.Option(metavar="S", help="A shipped scenario, or a file; says site, machine and drive itself."),
+    ] = None,
+    guard: Annotated[str | None, typer.Option(metavar="G", help="The guard.", show_default="linear")] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(metavar="E,N,HEADING_DEG", help="Where the machine stands; heading clockwise from grid north."),
+    ] = None,
+    headless: Annotated[bool, typer.Option("--headless", help="No live view, as fast as it computes.")] = False,
+    report: Annotated[Path | None, typer.Option(metavar="DIR", help="Write report.html and run.json there.")] = None,
+    speed: Annotated[float, typer.Option(min=0, help="Live view: times real time; 0 as fast as it computes.")] = 1.0,
+    epsg: Epsg = None,
+    as_json: Json = False,
+) -> None:
+    """Drive a simulated machine at its limits and say what held it.
+
+    With --site and --at, the machine swings to the nearest pole (or the nearest limit of any kind), drives its tool
+    straight at it until it is stopped, and comes back. With --scenario, it does what the scenario says.
+    """
+    if site and scenario:
+        raise typer.BadParameter("give either --site or --scenario", param_hint="--scenario")
+    if site:
+        session, steps, words, said = _at_a_place(site, machine, rules, guard, at, epsg)
+    else:
+        for name, value in (("--at", at), ("--machine", machine), ("--rules", rules), ("--epsg", epsg)):
+            if value is not None:
+                raise typer.BadParameter(f"the scenario says this; {name} needs --site", param_hint=name)
+        session, steps, words, said = _by_scenario(scenario or DEFAULT_SCENARIO, guard)
+    result = _watched(session, steps, words, said, headless or as_json, speed)
+    page = None if report is None else write_report(result, report)
+    if as_json:
+        print_json(result.as_json())
+        return
+    _show(result)
+    warn(result.warnings)
+    if page is not None:
+        stdout().print(f"\nreport: {page}")
+
+
+_Prepared = tuple[Session, Sequence[Step], tuple[str, str], dict[str, str]]
+
+
+def _at_a_place(
+    site: list[Path], machine: str | None, rules: str | None, guard: str | None, at: str | None, epsg: int | None
+) -> _Prepared:
+    """Return a session at a place of the user's own site, with the default drive."""
+    if at is None:
+        raise typer.BadParameter("--site needs --at E,N,HEADING_DEG", param_hint="--at")
+    session = Session(site, machine or "rre20", rules or "generic", guard or "linear", parse_place(at), epsg=epsg)
+    steps = default_drive()
+    if not any(limit.kind is LimitKind.POINT for limit in session.limits):
+        steps = drive_at_anything(steps)
+        if session.snapshot().point_limit is None:
+            raise ScenarioError("no limit near the machine to drive at", element="--at", value=at)
+    description = "The machine swings to the nearest limit, drives its tool straight at it, stands, and comes back."
+    return session, steps, ("Rehearsal at a place of the site", description), {}
+
+
+def _by_scenario(name: str, guard: str | None) -> _Prepared:
+    """Return the session and drive of a scenario."""
+    loaded = load_scenario(name)
+    if guard is not None and guard != loaded.scenario.guard.name:
+        choice = loaded.scenario.guard.model_copy(update={"name": guard})
+        loaded = loaded.with_guard(choice)
+    scenario = loaded.scenario
+    return (
+        open_session(loaded),
+        scenario.drive,
+        (scenario.title, scenario.description),
+        {"scenario": loaded.file.stem},
+    )
+
+
+def _watched(
+    session: Session,
+    steps: Sequence[Step],
+    words: tuple[str, str],
+    said: dict[str, str],
+    headless: bool,
+    speed: float,
+) -> RunResult:
+    """Run, with the live view or a progress bar where somebody would be watching."""
+
+    def run(callback: Callable[[Progress], None] | None) -> RunResult:
+        return run_session(session, steps, words[0], words[1], said, callback)
+
+    screen: Console = stdout()
+    if not headless and screen.is_terminal:
+        with LiveView(screen, session.machine, getattr(session.guard, "slow_distance_m", None), speed) as view:
+            return run(view.show)
+    watcher = stderr()
+    if watcher.is_terminal:
+        progress_bar, move = plain_bar(watcher)
+        with progress_bar:
+            return run(move)
+    return run(None)
+
+
+def _show(result: RunResult) -> None:
+    console = stdout()
+    verdict, good = headline(result)
+    console.print(verdict, style="bold green" if good else "bold red")
+    console.print(details(result))
+    console.print()
+    tick = result.tick_ms
+    pairs = [
+        ("smallest true clearance", metres(result.min_clearance_m)),
+        ("entries", str(len(result.entries))),
+        ("simulated", f"{result.simulated_s:.2f} s in {result.ticks} ticks"),
+        ("tick", f"{tick.p50:.2f} ms median, {tick.p99:.2f} ms 99th percentile, {tick.max:.2f} ms largest"),
+    ]
+    console.print(facts(result.title, pairs))
+    if result.interventions:
+        columns = [
+            ("at [s]", True),
+            ("cause", False),
+            ("link or joint", False),
+            ("limit", False),
+            ("clearance [m]", True),
+            ("speed left [%]", True),
+        ]
+        rows = [
+            (
+                f"{cause.t_s:.2f}",
+                cause.reason.replace("_", " "),
+                cause.link or cause.joint or "",
+                "" if cause.limit is None else result.name_of(cause.limit),
+                "" if cause.clearance_m is None else f"{cause.clearance_m:.3f}",
+                "" if cause.scale is None else f"{100 * cause.scale:.1f}",
+            )
+            for cause in result.interventions
+        ]
+        console.print()
+        console.print(table("Interventions", columns, rows))

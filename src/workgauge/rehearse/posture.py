@@ -1,0 +1,110 @@
+"""A start posture for a machine put down anywhere: arm folded so far that it can turn to what it is driven at."""
+
+import math
+
+import numpy as np
+from scipy.stats import qmc
+
+from workgauge.machine.model import MachineModel
+from workgauge.proximity.scene import Scene
+from workgauge.values.arrays import Floats, frozen
+
+#: How clear of every limit the arm should be when it points at the target, best first [m].
+CLEAR_M = (1.2, 0.9, 0.5)
+
+#: How clear of limits it must be where it starts, and of the machine itself anywhere [m].
+START_CLEAR_M, SELF_CLEAR_M = 0.4, 0.4
+
+#: Postures tried; a power of two, so that they fill the joints' ranges evenly.
+TRIED = 512
+
+#: Arm joints that are varied: those after the first, as many as this.
+VARIED = 3
+
+#: Starting turned away from the target by this gives the cab something to turn [rad].
+TURNED = (math.radians(50.0), math.radians(-50.0))
+
+
+def clearances(scene: Scene, q: Floats, T_site_machine: Floats, radius_m: float) -> tuple[float, float]:
+    """Return the smallest clearance to a limit and between own links [m], `radius_m` if none is nearer."""
+    found = scene.query(scene.machine.forward(q), T_site_machine, radius_m)
+    outer = found.other_links < 0
+    return (
+        float(found.distances[outer].min(initial=radius_m)),
+        float(found.distances[~outer].min(initial=radius_m)),
+    )
+
+
+def start_posture(scene: Scene, T_site_machine: Floats, target: Floats | None) -> Floats:
+    """Return home if the machine is clear there and towards the target, else a posture as like home as may be.
+
+    Args:
+        scene: the machine and its limits. T_site_machine: where it stands.
+        target: (3,) what it is to be driven at, site frame, or None.
+
+    Returns:
+        joint positions (n,); home if no better posture was found.
+    """
+    machine = scene.machine
+    home = np.array(machine.home)
+    bearing = _bearing(machine, T_site_machine, target)
+    for clear in CLEAR_M:
+        for arm in _arms(machine):
+            facing = _turned(machine, arm, bearing)
+            if not _reaches(machine, facing, target, T_site_machine):
+                continue
+            limit, own = clearances(scene, facing, T_site_machine, 2.0)
+            if own < SELF_CLEAR_M or limit < clear:
+                continue
+            for swing in (home[0], *(bearing + turned for turned in TURNED), bearing):
+                start = _turned(machine, arm, swing)
+                limit, own = clearances(scene, start, T_site_machine, 2.0)
+                if limit >= START_CLEAR_M and own >= SELF_CLEAR_M:
+                    return frozen(start)
+    return frozen(home)
+
+
+def _arms(machine: MachineModel) -> Floats:
+    """Return postures (k, n), home first, then evenly spread arms by their likeness to home."""
+    home = np.array(machine.home)
+    varied = np.arange(1, min(machine.n, 1 + VARIED))
+    if not len(varied):
+        return home[None]
+    low, high = machine.sample_min[varied], machine.sample_max[varied]
+    drawn = qmc.Sobol(len(varied), scramble=False).random(TRIED)
+    arms = np.tile(home, (TRIED, 1))
+    arms[:, varied] = low + (0.05 + 0.9 * drawn) * (high - low)
+    unlike = np.linalg.norm((arms[:, varied] - home[varied]) / (high - low), axis=1)
+    tools = np.array([machine.tool_pose(machine.forward(q))[2, 3] for q in arms])
+    unlike += np.abs(tools - tools_at_work(machine)) / 2.0
+    return np.concatenate([home[None], arms[np.argsort(unlike, kind="stable")]])
+
+
+def tools_at_work(machine: MachineModel) -> float:
+    """Return a handy height of the tool centre point above the machine frame [m]: about knee height of a person."""
+    return 1.2 - machine.undercarriage.height_m
+
+
+def _bearing(machine: MachineModel, T_site_machine: Floats, target: Floats | None) -> float:
+    """Return the first joint's position at which the tool points at the target, seen from above."""
+    if target is None:
+        return float(machine.home[0])
+    tool = machine.tool_pose(machine.forward(machine.home))[:3, 3]
+    aim = T_site_machine[:3, :3].T @ (target - T_site_machine[:3, 3])
+    turn = math.atan2(aim[1], aim[0]) - math.atan2(tool[1], tool[0])
+    return float(machine.home[0]) + math.atan2(math.sin(turn), math.cos(turn))
+
+
+def _turned(machine: MachineModel, arm: Floats, swing: float) -> Floats:
+    q = np.array(arm)
+    q[0] = min(max(swing, machine.q_min[0]), machine.q_max[0])
+    return q
+
+
+def _reaches(machine: MachineModel, q: Floats, target: Floats | None, T_site_machine: Floats) -> bool:
+    """Return whether the tool is nearer to the machine than the target, in plan, with room to be driven at it."""
+    if target is None:
+        return True
+    tool = machine.tool_pose(machine.forward(q))[:2, 3]
+    aim = (T_site_machine[:3, :3].T @ (target - T_site_machine[:3, 3]))[:2]
+    return float(np.linalg.norm(tool)) < float(np.linalg.norm(aim)) - 0.5
