@@ -118,7 +118,7 @@ class NumberBlock:
                     file=self._path,
                     line=self._rows[row],
                     element=name,
-                    value=text or "nothing",
+                    value=" ".join(words) or "nothing",
                     allowed=what,
                 )
         return SiteError("numbers that cannot be read", file=self._path, line=self._rows[0], allowed=what)

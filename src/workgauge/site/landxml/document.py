@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 from xml.parsers import expat
 
 from lxml import etree
@@ -180,6 +180,14 @@ def descendants(element: Element, name: str) -> Iterator[Element]:
     return element.iter(f"{{*}}{name}")
 
 
+def _broken(path: Path, error: etree.XMLSyntaxError, stream: Any) -> SiteError:
+    """Return the error of XML that cannot be parsed to its end, by the first fault the parser noted."""
+    noted = next(iter(stream.error_log), None)
+    reason = noted.message if noted is not None else (error.msg or "syntax error").partition(", line")[0]
+    line = noted.line if noted is not None else error.lineno
+    return SiteError(f"broken or truncated XML: {' '.join(reason.split())}", file=path, line=line or None)
+
+
 def open_document(path: Path) -> Document:
     """Parse a LandXML file.
 
@@ -189,18 +197,18 @@ def open_document(path: Path) -> Document:
     check_prolog(path)
     blocks: dict[str, dict[Element, NumberBlock]] = {"P": {}, "F": {}}
     parents = {"P": "Pnts", "F": "Faces"}
+    stream = etree.iterparse(
+        str(path),
+        events=("end",),
+        tag=("{*}P", "{*}F"),
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        remove_comments=True,
+        remove_pis=True,
+        huge_tree=True,
+    )
     try:
-        stream = etree.iterparse(
-            str(path),
-            events=("end",),
-            tag=("{*}P", "{*}F"),
-            resolve_entities=False,
-            no_network=True,
-            load_dtd=False,
-            remove_comments=True,
-            remove_pis=True,
-            huge_tree=True,
-        )
         parent: Element | None = None
         block: NumberBlock | None = None
         for _, element in stream:
@@ -217,9 +225,7 @@ def open_document(path: Path) -> Document:
                 above.remove(before)
         root = stream.root
     except etree.XMLSyntaxError as error:
-        line = error.lineno if error.lineno else None
-        reason = (error.msg or "syntax error").partition(", line")[0]
-        raise SiteError(f"broken or truncated XML: {reason}", file=path, line=line) from error
+        raise _broken(path, error, stream) from error
     except (OSError, LookupError, ValueError) as error:
         raise SiteError(f"cannot be read: {error}", file=path) from error
     for kind in blocks.values():
