@@ -9,6 +9,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+import yaml
 
 import workgauge
 from workgauge.site.alignment import Alignment
@@ -221,15 +222,17 @@ def test_ground_lies_under_the_rails_and_reaches_25_m(
 
 
 def test_the_place_to_start_named_in_the_readme(site: SiteModel) -> None:
-    track = site.alignment("Track 1")
-    machine = track.at(569.5)
-    assert (machine.e[0], machine.n[0]) == pytest.approx((25487284.744, 6714592.330), abs=1e-3)
-    assert math.degrees(machine.heading[0]) == pytest.approx(42.039, abs=1e-3)
+    scenario = yaml.safe_load((FOLDER.parents[1] / "scenarios" / "pole-approach.yaml").read_text())
+    assert scenario["start"]["on_track"] == {"alignment": "Track 1", "distance_m": 573.0, "facing": "forward"}
+    machine = site.alignment("Track 1").at(573.0)
+    assert (machine.e[0], machine.n[0]) == pytest.approx((25487287.080, 6714594.936), abs=1e-3)
+    assert math.degrees(machine.heading[0]) == pytest.approx(41.705, abs=1e-3)
+    assert machine.z[0] == pytest.approx(80.124, abs=1e-3)
     pole = next(p for p in site.points if p.name == "P1-12").position
     away = pole[:2] - [machine.e[0], machine.n[0]]
     ahead = away @ [math.sin(machine.heading[0]), math.cos(machine.heading[0])]
     right = away @ [math.cos(machine.heading[0]), -math.sin(machine.heading[0])]
-    assert (ahead, right) == pytest.approx((5.53, 3.27), abs=0.01)
+    assert (ahead, right) == pytest.approx((2.01, 3.30), abs=0.01)
 
 
 @pytest.fixture(autouse=True, scope="module")
