@@ -23,10 +23,16 @@ STATIONS = 5
 LEAST_PAD = 5e-5
 #: Every cell reaches at least this far past its ends [m].
 LEAST_REACH = 2e-3
+#: Beside an end of the track, or a place where the section changes by SHORTEST_JUMP at once, cells are this long [m]:
+#: a short cell reaches hardly past its end.
+BESIDE, SHORTEST_JUMP = 1.0, 2e-3
 #: Shortest edge of a cell's polygon [m].
 SHORTEST_EDGE = 1e-4
+#: A cell whose sides stand out from a section within it by more than this many times the accuracy is halved, as long
+#: as the halves are no shorter than SHORTEST_CELL [m].
+MOST_SURPLUS, SHORTEST_CELL = 1.6, 0.25
 #: Cells worked on at once, to bound the memory.
-BATCH = 8192
+BATCH = 4096
 
 
 def prism_chain(line: TrackLine, section: Section, accuracy: float) -> PrismChain:
@@ -42,11 +48,23 @@ def prism_chain(line: TrackLine, section: Section, accuracy: float) -> PrismChai
         square to the gradient instead of upright.
     """
     nodes = _nodes(line, section, accuracy)
-    parts = [_cells(line, section, nodes[i : i + BATCH + 1]) for i in range(0, len(nodes) - 1, BATCH)]
-    starts, ends, laterals, sections = (np.concatenate([part[i] for part in parts]) for i in range(4))
+    spans = np.stack([nodes[:-1], nodes[1:]], axis=-1)
+    done: list[tuple[Floats, ...]] = []
+    while len(spans):
+        halves = []
+        for first in range(0, len(spans), BATCH):
+            batch = spans[first : first + BATCH]
+            *cells, surplus = _cells(line, section, batch)
+            poor = (surplus > MOST_SURPLUS * accuracy) & (batch[:, 1] - batch[:, 0] > 2 * SHORTEST_CELL)
+            done.append((batch[~poor], *(part[~poor] for part in cells)))
+            middle = batch[poor].mean(axis=1)
+            halves += [np.stack([batch[poor, 0], middle], axis=-1), np.stack([middle, batch[poor, 1]], axis=-1)]
+        spans = np.concatenate(halves)
+    chainages, *parts = (np.concatenate([cells[i] for cells in done]) for i in range(5))
+    order = np.argsort(chainages[:, 0], kind="stable")
+    chainages, starts, ends, laterals, sections = (part[order] for part in (chainages, *parts))
     neighbours = np.ones((len(starts), 2), dtype=np.bool_)
     neighbours[0, 0] = neighbours[-1, 1] = False
-    chainages = np.stack([nodes[:-1], nodes[1:]], axis=-1)
     for array in (starts, ends, laterals, sections, chainages, neighbours):
         freeze(array)
     return PrismChain(starts, ends, laterals, sections, chainages, neighbours)
@@ -54,27 +72,34 @@ def prism_chain(line: TrackLine, section: Section, accuracy: float) -> PrismChai
 
 def _nodes(line: TrackLine, section: Section, accuracy: float) -> Floats:
     """Return the distances where cells begin and end: every break, and as many between as the accuracy needs."""
-    marks = np.unique(np.concatenate([line.breaks, section.breaks()]))
+    marks = np.concatenate([line.breaks, section.breaks()])
+    ends = np.array([0.0, line.length])
+    beside = np.concatenate([ends, _jumps(line, section, marks)])
+    beside = np.concatenate([beside - BESIDE, beside + BESIDE])
+    marks = np.unique(np.concatenate([ends, marks, beside[(beside > 0) & (beside < line.length)]]))
     keep = np.diff(marks, prepend=-np.inf) > 1e-3
-    keep[-1] = keep[0] = True
+    keep[-1] = True
     if len(marks) > 2 and marks[-1] - marks[-2] <= 1e-3:
         keep[-2] = False
     marks = _divided(marks[keep], LONGEST_CELL)
     low, high = marks[:-1] + NUDGE, marks[1:] - NUDGE
-    states = [line.at(low), line.at((low + high) / 2), line.at(high)]
-    shapes = [section.vertices(state) for state in states]
     span = high - low
-    rate = np.zeros(len(span))
-    bend = np.zeros(len(span))
-    for a, b, before, after in zip(states, states[1:], shapes, shapes[1:], strict=False):
-        moved = np.max(np.linalg.norm(after - before, axis=-1), axis=1)
-        rate = np.maximum(rate, moved / (span / 2))
-        bend = np.maximum(bend, np.abs(b.gradient - a.gradient) / (span / 2))
-    for state in states:
-        bend = np.maximum(bend, np.abs(state.curvature))
+    looks = 9
+    state = line.at((low[:, None] + np.linspace(0.0, 1.0, looks) * span[:, None]).ravel())
+    shapes = section.vertices(state).reshape(len(span), looks, -1, 2)
+    moved = np.max(np.linalg.norm(np.diff(shapes, axis=1), axis=-1), axis=(1, 2))
+    rate = moved * (looks - 1) / span
+    sag = np.max(np.abs(np.diff(state.gradient.reshape(-1, looks), axis=1)), axis=1) * (looks - 1) / span
+    bend = np.maximum(sag, np.max(np.abs(state.curvature.reshape(-1, looks)), axis=1))
     # bend/8 c² + rate c = accuracy: the sagitta, and the section's change
     longest = 2 * accuracy / (rate + np.sqrt(rate**2 + bend * accuracy / 2) + 1e-12)
     return _divided(marks, np.minimum(longest, LONGEST_CELL))
+
+
+def _jumps(line: TrackLine, section: Section, marks: Floats) -> Floats:
+    """Return those marks where the section changes at once."""
+    sides = [section.vertices(line.at(marks + side)) for side in (-NUDGE, NUDGE)]
+    return np.asarray(marks[np.max(np.abs(sides[1] - sides[0]), axis=(1, 2)) > SHORTEST_JUMP], dtype=np.float64)
 
 
 def _divided(marks: Floats, longest: Floats | float) -> Floats:
@@ -103,9 +128,9 @@ class _Seen:
     along: Floats
 
 
-def _cells(line: TrackLine, section: Section, nodes: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return (starts, ends, laterals, sections) of the cells between consecutive nodes."""
-    low, high = nodes[:-1] + NUDGE, nodes[1:] - NUDGE
+def _cells(line: TrackLine, section: Section, spans: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """Return (starts, ends, laterals, sections) of the cells over spans (c, 2), and what each adds at most (c,)."""
+    low, high = spans[:, 0] + NUDGE, spans[:, 1] - NUDGE
     cells = len(low)
     d = low[:, None] + np.linspace(0.0, 1.0, STATIONS) * (high - low)[:, None]
     state = line.at(d.ravel())
@@ -120,17 +145,17 @@ def _cells(line: TrackLine, section: Section, nodes: Floats) -> tuple[Floats, Fl
     middle = line.at((low + high) / 2)
     normals, corners = section.edges(middle)
     pad = _pad(seen, high - low)
-    support = np.max(
-        seen.across.reshape(cells, 1, -1) * normals[..., :1] + seen.height.reshape(cells, 1, -1) * normals[..., 1:],
-        axis=2,
-    )
-    polygons = _polygons(normals, support + pad[:, None], corners)
+    across, up = normals[..., 0, None, None], normals[..., 1, None, None]
+    supports = np.max(seen.across[:, None] * across + seen.height[:, None] * up, axis=3)
+    support = np.max(supports, axis=2) + pad[:, None]
+    surplus = np.max(support - np.min(supports, axis=2), axis=1)
+    polygons = _polygons(normals, support, corners)
 
     before = np.maximum(-np.min(seen.along, axis=(1, 2)), 0.0) + LEAST_REACH
     after = np.maximum(np.max(seen.along, axis=(1, 2)) - length, 0.0) + LEAST_REACH
     axis = np.concatenate([forward, slope[:, None]], axis=1)
     starts, ends = points[:, 0] - before[:, None] * axis, points[:, -1] + after[:, None] * axis
-    return starts, ends, np.concatenate([lateral, np.zeros((cells, 1))], axis=1), polygons
+    return starts, ends, np.concatenate([lateral, np.zeros((cells, 1))], axis=1), polygons, surplus
 
 
 def _seen_along(

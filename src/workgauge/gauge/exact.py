@@ -17,6 +17,8 @@ from workgauge.values.arrays import Floats
 GRID = 0.25
 #: Half the gap between the two sides of such a place [m].
 ASIDE = 2e-6
+#: Points found farther outside than this are looked at along the track too [m].
+WORTH_A_LOOK = 0.03
 #: Points are worked on this many at a time.
 BATCH = 200_000
 
@@ -107,8 +109,8 @@ class ExactEnvelope:
             stretch = 1.0 - state.curvature * np.sum(gap * state.left, axis=1)
             d = np.clip(d + along / np.maximum(stretch, 0.2), 0.0, self.line.length)
         best = self._distance(points, d)
-        far = np.flatnonzero(best > radius / 10)
-        for shift in radius * np.array([-1.0, -0.2, -0.05, 0.05, 0.2, 1.0]):
+        far = np.flatnonzero(best > WORTH_A_LOOK)
+        for shift in radius * np.array([-1.0, -0.5, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.5, 1.0]):
             if len(far):
                 there = np.clip(d[far] + shift, 0.0, self.line.length)
                 best[far] = np.minimum(best[far], self._distance(points[far], there))

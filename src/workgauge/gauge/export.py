@@ -10,7 +10,6 @@ import struct
 from pathlib import Path
 from typing import Any
 
-
 from workgauge.gauge.build import LimitSet
 from workgauge.gauge.meshes import MeshPart, mesh_parts
 from workgauge.values.limits import Limit, LimitKind

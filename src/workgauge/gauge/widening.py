@@ -11,9 +11,13 @@ from workgauge.values.arrays import Floats, Ints
 from workgauge.values.errors import RuleError
 
 #: Curvature is tabulated this often along the alignment, and on both sides of every break [m].
-TABLE_STEP = 2.0
+TABLE_STEP = 0.25
+#: How far from a break its two sides are read [m]; less than NUDGE, so that a cell beside a jump never sees it.
+ASIDE = NUDGE / 4
+#: Into how many pieces the ramp is cut at first; only those that may matter are followed closely.
+COARSE = 10
 #: The ramp outside a curve is followed in steps of this length, each taken at its larger end [m].
-RAMP_STEP = 1.0
+RAMP_STEP = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,32 +34,32 @@ class _WindowMax:
 
     def __init__(self, x: Floats, values: Floats, widest: float) -> None:
         self.x = x
-        most = int(np.max(np.searchsorted(x, x + widest, side="right") - np.arange(len(x)))) + 1
-        self._levels = [values]
+        most = int(np.max(np.searchsorted(x, x + widest, side="right") - np.arange(len(x)))) + 3
+        levels = [values]
         for level in range(1, most.bit_length()):
-            last, half = self._levels[-1], 1 << (level - 1)
+            last, half = levels[-1], 1 << (level - 1)
             shifted = np.concatenate([last[half:], np.full(min(half, len(last)), -np.inf)])
-            self._levels.append(np.maximum(last, shifted))
-        self._table = np.stack(self._levels)
+            levels.append(np.maximum(last, shifted))
+        self._table = np.stack(levels)
 
     def over(self, low: Floats, high: Floats) -> Floats:
-        """Return the largest value at x in [low, high], the ends read linearly between tabulated places."""
+        """Return the largest value at x in [low, high], read linearly between tabulated places."""
+        ends = np.maximum(np.interp(low, self.x, self._table[0]), np.interp(high, self.x, self._table[0]))
         first: Ints = np.searchsorted(self.x, low, side="left")
         stop: Ints = np.searchsorted(self.x, high, side="right")
-        ends = np.maximum(np.interp(low, self.x, self._levels[0]), np.interp(high, self.x, self._levels[0]))
-        count = stop - first
-        level = np.where(count > 0, np.frexp(np.maximum(count, 1))[1] - 1, 0)
-        level = np.minimum(level, len(self._levels) - 1)
-        left = self._table[level, np.minimum(first, len(self.x) - 1)]
-        right = self._table[level, np.clip(stop - (1 << level), 0, len(self.x) - 1)]
-        return np.asarray(np.where(count > 0, np.maximum(np.maximum(left, right), ends), ends), dtype=np.float64)
+        level = np.minimum(np.frexp(np.maximum(stop - first, 1))[1] - 1, len(self._table) - 1)
+        last = len(self.x) - 1
+        left = self._table[level, np.minimum(first, last)]
+        right = self._table[level, np.clip(stop - (1 << level), 0, last)]
+        inner = np.where(stop > first, np.maximum(left, right), -np.inf)
+        return np.asarray(np.maximum(inner, ends), dtype=np.float64)
 
 
 class TrackWidening:
     """Widening of both sides of one track at any distance, never smaller than the local formula.
 
-    Between tabulated places the curvature is read linearly; the ramp is followed in steps, each at its larger end, so
-    the result is never below the exact running maximum by more than the table's own rounding.
+    Between tabulated places it is read linearly, and the ramp is followed in steps, each at its larger end: the
+    result is never below the exact running maximum by more than a hundredth of a millimetre, which cells' pads cover.
 
     Raises:
         RuleError: somewhere the radius is below the smallest the rule book answers for.
@@ -65,7 +69,7 @@ class TrackWidening:
         self._early = early
         inner = np.arange(0.0, line.length, TABLE_STEP)
         breaks = line.breaks
-        x = np.concatenate([inner, breaks - NUDGE, breaks + NUDGE])
+        x = np.concatenate([inner, breaks - ASIDE, breaks + ASIDE])
         x = np.unique(np.clip(x, 0.0, line.length))
         curvature = np.asarray(line.at(x).curvature)
         self._refuse_tight(x, curvature, widening, line, file)
@@ -107,14 +111,20 @@ class TrackWidening:
         if not len(rising) or ramp <= 0:
             return out
         at, best = d[rising], out[rising]
-        steps = max(math.ceil(ramp / RAMP_STEP), 1)
-        for i in range(steps):
-            near, far = e.outside_full + ramp * i / steps, e.outside_full + ramp * (i + 1) / steps
-            share = 1.0 - i / steps
-            ahead, behind = table.over(at + near, at + far), table.over(at - far, at - near)
-            best = np.maximum(best, share * np.maximum(ahead, behind))
+        coarse = np.linspace(0.0, 1.0, COARSE + 1)
+        for begin, end in zip(coarse[:-1], coarse[1:], strict=True):
+            may = np.flatnonzero(self._ramped(table, at, ramp, begin, end) > best)
+            fine = np.linspace(begin, end, max(math.ceil(ramp / COARSE / RAMP_STEP), 1) + 1)
+            for first, last in zip(fine[:-1], fine[1:], strict=True) if len(may) else ():
+                best[may] = np.maximum(best[may], self._ramped(table, at[may], ramp, first, last))
         out[rising] = best
         return out
+
+    def _ramped(self, table: _WindowMax, d: Floats, ramp: float, begin: float, end: float) -> Floats:
+        """Return an upper bound of what the ramp between two shares of its length brings to each distance."""
+        full = 0.0 if self._early is None else self._early.outside_full
+        near, far = full + ramp * begin, full + ramp * end
+        return (1.0 - begin) * np.maximum(table.over(d + near, d + far), table.over(d - far, d - near))
 
     @staticmethod
     def _refuse_tight(x: Floats, curvature: Floats, widening: Widening, line: TrackLine, file: str) -> None:
@@ -132,6 +142,6 @@ class TrackWidening:
 
 def _jumps(breaks: Floats, x: Floats, curvature: Floats) -> Floats:
     """Return the breaks where the curvature jumps, that is where the widening does."""
-    before = np.interp(np.clip(breaks - NUDGE, x[0], x[-1]), x, curvature)
-    after = np.interp(np.clip(breaks + NUDGE, x[0], x[-1]), x, curvature)
+    before = np.interp(np.clip(breaks - ASIDE, x[0], x[-1]), x, curvature)
+    after = np.interp(np.clip(breaks + ASIDE, x[0], x[-1]), x, curvature)
     return breaks[np.abs(after - before) > 1e-7]
