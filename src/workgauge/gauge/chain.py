@@ -11,10 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from workgauge.gauge.sections import Section
-from workgauge.gauge.trackline import NUDGE, LineState, TrackLine
+from workgauge.gauge.trackline import NUDGE, LineState, TrackLine, merged
 from workgauge.values.arrays import Floats, Ints, freeze
 from workgauge.values.solids import PrismChain
 
+#: Cells shorter than this take their direction from the tangent in the middle [m].
+SHORT_CHORD = 0.5
 #: Longest cell [m]; between its sub-stations a widening cannot rise and fall unseen.
 LONGEST_CELL = 40.0
 #: Sub-stations per cell, both ends included.
@@ -72,16 +74,11 @@ def prism_chain(line: TrackLine, section: Section, accuracy: float) -> PrismChai
 
 def _nodes(line: TrackLine, section: Section, accuracy: float) -> Floats:
     """Return the distances where cells begin and end: every break, and as many between as the accuracy needs."""
-    marks = np.concatenate([line.breaks, section.breaks()])
-    ends = np.array([0.0, line.length])
-    beside = np.concatenate([ends, _jumps(line, section, marks)])
+    marks = merged(line.breaks, section.breaks())
+    beside = np.concatenate([[0.0, line.length], _jumps(line, section, marks)])
     beside = np.concatenate([beside - BESIDE, beside + BESIDE])
-    marks = np.unique(np.concatenate([ends, marks, beside[(beside > 0) & (beside < line.length)]]))
-    keep = np.diff(marks, prepend=-np.inf) > 1e-3
-    keep[-1] = True
-    if len(marks) > 2 and marks[-1] - marks[-2] <= 1e-3:
-        keep[-2] = False
-    marks = _divided(marks[keep], LONGEST_CELL)
+    marks = merged(marks, beside[(beside > 0) & (beside < line.length)])
+    marks = _divided(marks, LONGEST_CELL)
     low, high = marks[:-1] + NUDGE, marks[1:] - NUDGE
     span = high - low
     looks = 9
@@ -135,14 +132,16 @@ def _cells(line: TrackLine, section: Section, spans: Floats) -> tuple[Floats, Fl
     d = low[:, None] + np.linspace(0.0, 1.0, STATIONS) * (high - low)[:, None]
     state = line.at(d.ravel())
     points = state.points.reshape(cells, STATIONS, 3)
+    middle = line.at((low + high) / 2)
     chord = points[:, -1] - points[:, 0]
+    # rounding of absolute coordinates would turn a very short chord
+    tangent = np.concatenate([middle.forward, middle.gradient[:, None]], axis=1) * (high - low)[:, None]
+    chord = np.where((high - low < SHORT_CHORD)[:, None], tangent, chord)
     length = np.hypot(chord[:, 0], chord[:, 1])
     forward = chord[:, :2] / length[:, None]
     lateral = np.stack([-forward[:, 1], forward[:, 0]], axis=-1)
     slope = chord[:, 2] / length
     seen = _seen_along(section, state, points, forward, lateral, slope)
-
-    middle = line.at((low + high) / 2)
     normals, corners = section.edges(middle)
     pad = _pad(seen, high - low)
     across, up = normals[..., 0, None, None], normals[..., 1, None, None]
@@ -154,7 +153,8 @@ def _cells(line: TrackLine, section: Section, spans: Floats) -> tuple[Floats, Fl
     before = np.maximum(-np.min(seen.along, axis=(1, 2)), 0.0) + LEAST_REACH
     after = np.maximum(np.max(seen.along, axis=(1, 2)) - length, 0.0) + LEAST_REACH
     axis = np.concatenate([forward, slope[:, None]], axis=1)
-    starts, ends = points[:, 0] - before[:, None] * axis, points[:, -1] + after[:, None] * axis
+    starts = points[:, 0] - before[:, None] * axis
+    ends = points[:, 0] + (length + after)[:, None] * axis
     return starts, ends, np.concatenate([lateral, np.zeros((cells, 1))], axis=1), polygons, surplus
 
 

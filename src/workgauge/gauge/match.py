@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import TypeAlias
 
-from workgauge.gauge.rules import Match, Patterns, Rule, RuleBook
+from workgauge.gauge.blocks import Patterns
+from workgauge.gauge.rules import Match, Rule, RuleBook
 from workgauge.site.alignment import Alignment
 from workgauge.site.model import LineFeature, PointFeature, SurfaceModel
 from workgauge.values.errors import RuleError

@@ -8,7 +8,8 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from workgauge.gauge.rules import RuleBook, Sourced
+from workgauge.gauge.blocks import Sourced
+from workgauge.gauge.rules import RuleBook
 from workgauge.values.errors import RuleError
 
 #: A rule book larger than this, or with more nodes than this once aliases are followed, is refused.

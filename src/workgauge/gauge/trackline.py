@@ -15,6 +15,8 @@ from workgauge.values.errors import RuleError
 SURFACE_STEP = 10.0
 #: A profile may be shorter than its alignment by this much at each end without a warning [m].
 SHORT_PROFILE = 0.5
+#: Places along a line closer than this are one place [m].
+MERGE = 2e-5
 #: Distances this close to a break are moved off it, so that each side of a break answers for itself [m].
 NUDGE = 1e-6
 
@@ -56,14 +58,7 @@ class TrackLine:
         self._heights = heights
         knots = np.empty(0) if alignment.has_profile else heights[0]
         inner = np.concatenate([np.asarray(alignment.breaks, dtype=np.float64), knots])
-        inner = np.clip(inner, 0.0, self.length)
-        ordered = np.unique(np.concatenate([[0.0, self.length], inner]))
-        keep = np.diff(ordered, prepend=-1.0) > 1e-3
-        keep[-1] = True
-        kept = ordered[keep]
-        if len(kept) > 2 and kept[-1] - kept[-2] <= 1e-3:
-            kept = np.delete(kept, -2)
-        self.breaks: Floats = kept
+        self.breaks: Floats = merged(np.array([0.0, self.length]), np.clip(inner, 0.0, self.length))
 
     def at(self, distances: Floats) -> LineState:
         """Return the state at distances (m,) within the alignment."""
@@ -86,6 +81,18 @@ class TrackLine:
             np.asarray(gradient),
             np.asarray(state.cant),
         )
+
+
+def merged(first: Floats, more: Floats) -> Floats:
+    """Return `first` and those of `more` that lie farther than MERGE from them and from each other, sorted."""
+    out = np.unique(first)
+    extra = np.unique(more)
+    extra = extra[np.diff(extra, prepend=-np.inf) > MERGE]
+    i = np.searchsorted(out, extra)
+    below = extra - out[np.maximum(i - 1, 0)]
+    above = out[np.minimum(i, len(out) - 1)] - extra
+    free = ((i == 0) | (below > MERGE)) & ((i == len(out)) | (above > MERGE))
+    return np.unique(np.concatenate([out, extra[free]]))
 
 
 def _slopes(knots: Floats, heights: Floats, d: Floats) -> Floats:

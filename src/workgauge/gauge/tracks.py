@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workgauge.gauge.blocks import CantBlock
 from workgauge.gauge.envelope import QuasiStatic, Widening
-from workgauge.gauge.rules import CantBlock, RuleBook, TrackBlock, WireAboveRailBlock
+from workgauge.gauge.rules import RuleBook, TrackBlock, WireAboveRailBlock
 from workgauge.gauge.sections import CantRotation, EnvelopeSection, WireSection, convex_pieces
-from workgauge.gauge.trackline import TrackLine
+from workgauge.gauge.trackline import NUDGE, TrackLine
 from workgauge.gauge.widening import Early, TrackWidening
 from workgauge.site.alignment import Alignment
 from workgauge.values.arrays import Floats, frozen
@@ -118,7 +119,7 @@ def cant_rotation(block: CantBlock | None, alignment: Alignment) -> CantRotation
 
 def _crossings(line: TrackLine, curvature: float) -> Floats:
     """Return the distances where the unsigned curvature passes a value, as closely as a 2 m grid tells [m]."""
-    d = np.unique(np.concatenate([np.arange(0.0, line.length, 2.0), line.breaks]))
+    d = np.unique(np.concatenate([np.arange(0.0, line.length, 2.0), line.breaks, line.breaks[1:] - NUDGE]))
     over = np.abs(np.asarray(line.at(d).curvature)) - curvature
     i = np.flatnonzero(over[:-1] * over[1:] < 0)
     return np.asarray(d[i] + (d[i + 1] - d[i]) * over[i] / (over[i] - over[i + 1]), dtype=np.float64)

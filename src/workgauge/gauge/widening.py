@@ -1,5 +1,6 @@
 """Widening along a track: from curvature, begun before the curve, as a running maximum, for each side."""
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -112,10 +113,10 @@ class TrackWidening:
             return out
         at, best = d[rising], out[rising]
         coarse = np.linspace(0.0, 1.0, COARSE + 1)
-        for begin, end in zip(coarse[:-1], coarse[1:], strict=True):
+        for begin, end in itertools.pairwise(coarse):
             may = np.flatnonzero(self._ramped(table, at, ramp, begin, end) > best)
             fine = np.linspace(begin, end, max(math.ceil(ramp / COARSE / RAMP_STEP), 1) + 1)
-            for first, last in zip(fine[:-1], fine[1:], strict=True) if len(may) else ():
+            for first, last in itertools.pairwise(fine) if len(may) else ():
                 best[may] = np.maximum(best[may], self._ramped(table, at[may], ramp, first, last))
         out[rising] = best
         return out
