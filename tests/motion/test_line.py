@@ -65,6 +65,22 @@ def test_the_tool_runs_straight_and_keeps_its_orientation() -> None:
     assert np.linalg.norm(poses[-1][:3, 3] - start[:3, 3]) < 5e-3
 
 
+def test_a_tool_that_was_turned_is_turned_back() -> None:
+    machine = machine_named("rre20")
+    line = ToolLine(frozen(tool(machine, machine.home)[:3, 3]), frozen([0.0, 0.0, 1.0]))
+    _, _, memory = desired(intent(0.0, line), machine.forward(machine.home), machine, T_SITE, MotionMemory(), CONFIG)
+    kept = np.reshape(memory.kept, (3, 3))
+    q = machine.home + np.array([0.0, 0.0, 0.0, 0.2, 0.1, -0.3])
+    errors = []
+    for k in range(200):
+        kin = machine.forward(q)
+        errors.append(np.linalg.norm(rotation_vector(kept @ tool(machine, q)[:3, :3].T)))
+        qdot, _, memory = desired(intent((-1.0) ** (k // 50), line), kin, machine, T_SITE, memory, CONFIG)
+        q = q + qdot * CONFIG.dt_s
+    assert errors[0] > 0.3 and errors[-1] < 1e-2
+    assert all(b <= a + 1e-6 for a, b in itertools.pairwise(errors))
+
+
 def test_half_the_lever_is_slower_and_backwards_is_back() -> None:
     machine = machine_named("rre20")
     kin = machine.forward(machine.home)
