@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from workgauge.guard.registry import guard_named
-from workgauge.loop.config import TickConfig, tick_config
+from workgauge.loop.config import TickConfig, search_radius_m, tick_config
 from workgauge.loop.inputs import TickInputs
 from workgauge.loop.memory import TickMemory, first_memory, restored
 from workgauge.loop.tick import Trace, tick
@@ -483,3 +483,9 @@ def test_settings_that_make_no_sense_are_refused_by_name(setting: str, value: An
     given_ = {"machine_id": ID, setting: value}
     with pytest.raises(InputError, match=setting):
         tick_config(machine_named("rre20"), guard_named("linear"), **given_)
+
+
+def test_a_limit_that_keeps_its_distance_widens_the_search() -> None:
+    guard, near = guard_named("linear"), pole(5.0, 5.0)
+    assert search_radius_m(guard, []) == pytest.approx(1.3)
+    assert search_radius_m(guard, [near, replace(near, stop_distance_m=5.0)]) == pytest.approx(6.3)

@@ -189,4 +189,4 @@ def test_the_rotation_vector_gives_axis_and_angle_back(axis: np.ndarray, angle: 
     K = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     R = np.eye(3) + math.sin(angle) * K + (1 - math.cos(angle)) * K @ K
     assert rotation_vector(R) == pytest.approx(axis * angle, abs=1e-6)
-    assert rotation_vector(np.eye(3)).tolist() == [0.0, 0.0, 0.0]
+    assert rotation_vector(np.eye(3)) == (0.0, 0.0, 0.0)

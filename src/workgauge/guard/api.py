@@ -1,5 +1,6 @@
 """What every guard is given and gives back."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
@@ -95,18 +96,22 @@ def unusable(given: GuardInput) -> str | None:
         return f"{n} joints expected"
     if given.rows.shape != (k, n) or clearances.protections.shape != (k,) or clearances.stop_distances.shape != (k,):
         return "clearances and their rows differ in number"
-    if not np.isfinite(given.desired).all():
+    if not all(map(math.isfinite, given.desired.tolist())):
         return "desired velocity is not a number"
-    if not np.isfinite(given.q).all():
+    if not all(map(math.isfinite, given.q.tolist())):
         return "joint position is not a number"
-    if not 0.0 < given.dt_s < float("inf"):
+    if not 0.0 < given.dt_s < math.inf:
         return "time step is not a positive number"
-    if k and not np.isfinite(clearances.distances).all():
+    if k and not _finite(clearances.distances):
         return "a clearance is not a number"
-    if k and not (np.isfinite(clearances.protections).all() and clearances.protections.min() >= 0.0):
+    if k and not (_finite(clearances.protections) and np.minimum.reduce(clearances.protections) >= 0.0):
         return "a protection level is not a number, or below zero"
-    if k and np.isinf(clearances.stop_distances).any():
+    if k and np.logical_or.reduce(np.isinf(clearances.stop_distances)):
         return "a stop distance is infinite"
-    if k and not np.isfinite(given.rows).all():
+    if k and not _finite(given.rows):
         return "the motion of a clearance is not a number"
     return None
+
+
+def _finite(array: Floats) -> bool:
+    return bool(np.logical_and.reduce(np.isfinite(array), axis=None))

@@ -115,7 +115,7 @@ class LinearGuard:
 
     def _scale(self, clearances: Clearances, rates: Floats, dt_s: float) -> tuple[float, list[Reason]]:
         """Return the smallest scale of the approached clearances (rates (k,) [m/s]) and the reasons for it."""
-        approached = np.flatnonzero(rates < -RESTING_M_S)
+        approached = (rates < -RESTING_M_S).nonzero()[0]
         if not approached.size:
             return 1.0, []
         own = clearances.stop_distances[approached]
@@ -125,7 +125,7 @@ class LinearGuard:
         scales = left / (self.slow_distance_m - self.stop_distance_m)  # eq. 3.11
         scales = np.minimum(scales, left / (-rates[approached] * dt_s))
         scales = np.minimum(np.maximum(scales, 0.0), 1.0)
-        smallest = float(scales.min())
+        smallest = float(np.minimum.reduce(scales))
         if smallest == 1.0:
             return 1.0, []
         return smallest, _reasons(clearances, approached, safe, scales)

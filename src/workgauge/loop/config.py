@@ -1,5 +1,6 @@
 """What the tick is told once and for all."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from workgauge.drive.ideal import IdealDrive
@@ -10,6 +11,7 @@ from workgauge.motion.desired import MotionConfig
 from workgauge.motion.joystick import LeverFeel
 from workgauge.values.commands import VALVE_FULL, ValveCommand
 from workgauge.values.errors import InputError, WireError
+from workgauge.values.limits import Limit
 from workgauge.values.measurements import Stamp
 from workgauge.wire.messages import encode
 
@@ -67,7 +69,7 @@ def tick_config(
         machine, guard: see `TickConfig`.
         machine_id: 1 to 32 bytes.
         dt_s: the tick's period [s].
-        radius_m: search radius, at least the guard's reach [m].
+        radius_m: search radius, at least the guard's reach; see `search_radius_m` [m].
         posture_age_s, pose_age_s, intent_age_s: oldest inputs to move on [s].
         ramp_s: time from closed to full valve, at least one period [s].
         motion: the levers' and paths' settings; its period is overridden, and its ramp unless one is given.
@@ -113,6 +115,15 @@ def tick_config(
             exclusive_groups=machine.exclusive_groups,
         ),
     )
+
+
+def search_radius_m(guard: Guard, limits: Iterable[Limit], margin_m: float = 0.5) -> float:
+    """Return the radius within which the guard must know every one of these limits [m].
+
+    Its own reach, what the largest stop distance of a limit's own adds to it, and a margin for protection levels.
+    """
+    own = max((limit.stop_distance_m or 0.0 for limit in limits), default=0.0)
+    return guard.reach_m + max(own, 0.0) + margin_m
 
 
 def _check(name: str, value: float, fine: bool, allowed: str) -> None:

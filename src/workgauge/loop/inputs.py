@@ -2,14 +2,13 @@
 
 import math
 from dataclasses import dataclass
-
-import numpy as np
+from typing import TypeAlias
 
 from workgauge.loop.config import TickConfig
 from workgauge.motion.line import unit_direction
 from workgauge.proximity.scene import Scene
 from workgauge.values.arrays import Floats
-from workgauge.values.measurements import DriveMode, Intent, MachinePose, Posture, Stamp
+from workgauge.values.measurements import DriveMode, Intent, MachinePose, Posture
 from workgauge.values.reasons import Reason, ReasonCode
 
 #: Positions beyond this are no measurement of a machine on its site [rad, m].
@@ -48,49 +47,45 @@ class Seen:
 
 def believed(inputs: TickInputs, config: TickConfig) -> Seen:
     """Return what of the inputs is present, of this machine, fresh and made of numbers."""
-    reasons: list[Reason] = []
     posture, pose, intent = inputs.posture, inputs.pose, inputs.intent
-    ages = config.posture_age_s, config.pose_age_s, config.intent_age_s
-    names = (
-        ("posture", ReasonCode.NO_POSTURE, ReasonCode.STALE_POSTURE),
-        ("machine pose", ReasonCode.NO_POSE, ReasonCode.STALE_POSE),
-        ("operator's intent", ReasonCode.NO_INTENT, ReasonCode.STALE_INTENT),
-    )
-    wrongs = (
-        posture_wrong(posture, config.machine.n) if posture else None,
-        pose_wrong(pose) if pose else None,
-        intent_wrong(intent) if intent else None,
-    )
-    fine = []
-    for value, age, (name, absent, stale), wrong in zip((posture, pose, intent), ages, names, wrongs, strict=True):
-        reason = _stamp_wrong(value.stamp if value else None, name, absent, stale, age, inputs.now_ns, config)
-        if reason is None and wrong is not None:
-            reason = Reason(ReasonCode.INVALID_VALUE, f"{name}: {wrong}")
-        if reason is not None:
-            reasons.append(reason)
-        fine.append(reason is None)
+    about_posture = _stamp_wrong(posture, _POSTURE, config.posture_age_s, inputs.now_ns, config)
+    if about_posture is None and posture is not None:
+        about_posture = _reason(_POSTURE, posture_wrong(posture, config.machine.n))
+    about_pose = _stamp_wrong(pose, _POSE, config.pose_age_s, inputs.now_ns, config)
+    if about_pose is None and pose is not None:
+        about_pose = _reason(_POSE, pose_wrong(pose))
+    about_intent = _stamp_wrong(intent, _INTENT, config.intent_age_s, inputs.now_ns, config)
+    if about_intent is None and intent is not None:
+        about_intent = _reason(_INTENT, intent_wrong(intent))
     return Seen(
-        posture.q if posture and fine[0] else None,
-        pose.T_site_machine if pose and fine[1] else None,
-        intent if fine[2] else None,
-        tuple(reasons),
+        posture.q if posture is not None and about_posture is None else None,
+        pose.T_site_machine if pose is not None and about_pose is None else None,
+        intent if about_intent is None else None,
+        tuple(reason for reason in (about_posture, about_pose, about_intent) if reason is not None),
     )
+
+
+#: What each input is called, and the reasons for one that is absent or too old.
+_Named: TypeAlias = tuple[str, ReasonCode, ReasonCode]
+_POSTURE: _Named = ("posture", ReasonCode.NO_POSTURE, ReasonCode.STALE_POSTURE)
+_POSE: _Named = ("machine pose", ReasonCode.NO_POSE, ReasonCode.STALE_POSE)
+_INTENT: _Named = ("operator's intent", ReasonCode.NO_INTENT, ReasonCode.STALE_INTENT)
+
+
+def _reason(named: _Named, wrong: str | None) -> Reason | None:
+    return None if wrong is None else Reason(ReasonCode.INVALID_VALUE, f"{named[0]}: {wrong}")
 
 
 def _stamp_wrong(
-    stamp: Stamp | None,
-    name: str,
-    absent: ReasonCode,
-    stale: ReasonCode,
-    max_age_s: float,
-    now_ns: int,
-    config: TickConfig,
+    value: Posture | MachinePose | Intent | None, named: _Named, max_age_s: float, now_ns: int, config: TickConfig
 ) -> Reason | None:
-    if stamp is None:
+    """Return what is wrong with one input's presence, machine and age, or None."""
+    name, absent, stale = named
+    if value is None:
         return Reason(absent, f"no {name}")
-    if stamp.machine_id != config.machine_id:
-        return Reason(ReasonCode.INVALID_VALUE, f"{name} of another machine, {stamp.machine_id}")
-    age_s = stamp.age_s(now_ns)
+    if value.stamp.machine_id != config.machine_id:
+        return Reason(ReasonCode.INVALID_VALUE, f"{name} of another machine, {value.stamp.machine_id}")
+    age_s = value.stamp.age_s(now_ns)
     if age_s < 0.0:
         return Reason(ReasonCode.FROM_FUTURE, f"{name} is stamped {-age_s:.3f} s in the future")
     if age_s > max_age_s:
@@ -123,7 +118,8 @@ def pose_wrong(pose: MachinePose) -> str | None:
     off = abs(d * h - g * e - c) + abs(g * b - a * h - f) + abs(a * e - d * b - i)
     if not abs(first - 1.0) + abs(second - 1.0) + abs(mixed) + off < _SQUARE or bottom != [0.0, 0.0, 0.0, 1.0]:
         return "the attitude is no rotation"
-    if not np.isfinite(pose.covariance).all() or pose.covariance.diagonal().min() < 0.0:
+    covariance = pose.covariance.ravel().tolist()
+    if not all(map(math.isfinite, covariance)) or min(covariance[::7]) < 0.0:
         return "the covariance is not a number, or a variance below zero"
     return None
 
@@ -136,6 +132,6 @@ def intent_wrong(intent: Intent) -> str | None:
         direction = unit_direction(intent.line)
         if intent.line is None or direction is None:
             return "line mode needs a line with a direction"
-        if not math.sqrt(float(intent.line.start_site @ intent.line.start_site)) < FAR:
+        if not math.hypot(*intent.line.start_site.tolist()) < FAR:
             return "the line lies out of this world"
     return None

@@ -3,6 +3,7 @@
 Lengths and angles are weighed one metre to one radian throughout.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -93,7 +94,8 @@ def tool_motion(J: Floats, twist: Floats, joints: Sequence[int], damping: Dampin
         joints: indices of the joints that may move; the others stand still.
         damping: see there.
     """
-    free = J[:, joints] if len(joints) < J.shape[1] else J
+    every = len(joints) == J.shape[1]
+    free = J if every else J[:, joints]
     if len(joints) >= 6:
         task = 6
         some = resolved(free, twist, damping)
@@ -103,8 +105,10 @@ def tool_motion(J: Floats, twist: Floats, joints: Sequence[int], damping: Dampin
         if len(joints) > 3:
             N = null_projector(free[:3])
             some = some + N @ (filtered_inverse(free[3:] @ N, damping) @ (twist[3:] - free[3:] @ some))
-    wanted = float(np.linalg.norm(twist[:task]))
-    missed = float(np.linalg.norm(twist[:task] - free[:task] @ some)) / wanted if wanted > 0.0 else 0.0
+    wanted = math.hypot(*twist[:task].tolist())
+    missed = math.hypot(*(twist[:task] - free[:task] @ some).tolist()) / wanted if wanted > 0.0 else 0.0
+    if every:
+        return Solution(some, missed)
     qdot = np.zeros(J.shape[1])
     qdot[joints] = some
     return Solution(qdot, missed)

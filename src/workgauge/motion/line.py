@@ -7,14 +7,16 @@ import numpy as np
 from workgauge.values.arrays import Floats
 from workgauge.values.measurements import ToolLine
 
+Vector = tuple[float, float, float]
+
 
 def unit_direction(line: ToolLine | None) -> Floats | None:
     """Return the line's direction (3,) as a unit vector, or None if there is no line or it is no line."""
     if line is None or line.start_site.shape != (3,) or line.direction_site.shape != (3,):
         return None
-    if not (np.isfinite(line.start_site).all() and np.isfinite(line.direction_site).all()):
+    length = math.hypot(*line.direction_site.tolist())
+    if not math.isfinite(math.hypot(*line.start_site.tolist())):
         return None
-    length = math.sqrt(float(line.direction_site @ line.direction_site))
     return line.direction_site / length if 1e-9 < length < 1e9 else None
 
 
@@ -42,27 +44,28 @@ def line_twist(
         share: the lever, -1 to 1. speed: along the line at the full lever [m/s]. turn: fastest turning [rad/s].
         gain: corrections per second [1/s].
     """
-    off = start - T_site_tool[:3, 3]
-    across = off - (off @ direction) * direction
-    twist = np.empty(6)
-    twist[:3] = share * speed * direction + _at_most(gain * across, abs(share) * speed)
-    twist[3:] = _at_most(gain * rotation_vector(R_site_kept @ T_site_tool[:3, :3].T), abs(share) * turn)
-    return twist
+    off = (start - T_site_tool[:3, 3]).tolist()
+    x, y, z = direction.tolist()
+    along = off[0] * x + off[1] * y + off[2] * z
+    across = _at_most(gain, (off[0] - along * x, off[1] - along * y, off[2] - along * z), abs(share) * speed)
+    turning = _at_most(gain, rotation_vector(R_site_kept @ T_site_tool[:3, :3].T), abs(share) * turn)
+    forward = share * speed
+    return np.array([forward * x + across[0], forward * y + across[1], forward * z + across[2], *turning])
 
 
-def rotation_vector(R: Floats) -> Floats:
-    """Return axis times angle (3,) [rad] of a rotation (3, 3). At exactly half a turn the axis is lost: zero."""
-    sine = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    length = math.sqrt(float(sine @ sine))
+def rotation_vector(R: Floats) -> Vector:
+    """Return axis times angle (3) [rad] of a rotation (3, 3). At exactly half a turn the axis is lost: zero."""
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    sine = 0.5 * (h - f), 0.5 * (c - g), 0.5 * (d - b)
+    length = math.hypot(*sine)
     if length < 1e-12:
         return sine
-    cosine = 0.5 * (float(R[0, 0]) + float(R[1, 1]) + float(R[2, 2]) - 1.0)
-    vector: Floats = sine * (math.atan2(length, cosine) / length)
-    return vector
+    scale = math.atan2(length, 0.5 * (a + e + i - 1.0)) / length
+    return sine[0] * scale, sine[1] * scale, sine[2] * scale
 
 
-def _at_most(vector: Floats, longest: float) -> Floats:
-    length = math.sqrt(float(vector @ vector))
-    if longest == 0.0:
-        return np.zeros(3)
-    return vector * (longest / length) if length > longest else vector
+def _at_most(gain: float, vector: Vector, longest: float) -> Vector:
+    """Return `gain` times the vector, shortened to `longest`."""
+    length = gain * math.hypot(*vector)
+    factor = gain if length <= longest else gain * longest / length
+    return vector[0] * factor, vector[1] * factor, vector[2] * factor

@@ -24,7 +24,8 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Generic, TypeVar
+from functools import lru_cache
+from typing import Any, Generic, TypeVar, cast
 
 from workgauge.values.commands import ValveCommand
 from workgauge.values.errors import WireError
@@ -173,9 +174,10 @@ def decode_command(frame: bytes, received_ns: int) -> Message[ValveCommand]:
     message = decode(frame, received_ns)
     if not isinstance(message.value, ValveCommand):
         raise WireError("not a valve command", element="kind", value=type(message.value).__name__)
-    return Message(message.value, message.sequence, message.sent_ns)
+    return cast(Message[ValveCommand], message)
 
 
+@lru_cache(maxsize=64)
 def _name_bytes(name: str, field: str) -> bytes:
     try:
         raw = name.encode()
@@ -186,6 +188,7 @@ def _name_bytes(name: str, field: str) -> bytes:
     return raw
 
 
+@lru_cache(maxsize=64)
 def _name(raw: bytes, field: str) -> str:
     name = raw.rstrip(b"\0")
     if not name or b"\0" in name:
