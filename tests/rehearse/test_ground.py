@@ -19,6 +19,7 @@ from workgauge.values.errors import ScenarioError
 from workgauge.values.limits import Source
 
 E0, N0 = 500_000.0, 6_700_000.0
+MACHINE = load_machine("rre20")
 
 
 def tilted(east: float, north: float, height: float = 10.0, name: str = "ground") -> SurfaceModel:
@@ -49,7 +50,7 @@ inside = st.floats(-12.0, 12.0)
 @given(slopes, slopes, inside, inside, st.floats(0, 2 * math.pi))
 def test_the_machine_stands_flat_on_the_plane(a: float, b: float, x: float, y: float, heading: float) -> None:
     site = site_of(tilted(a, b))
-    machine = load_machine("rre20")
+    machine = MACHINE
     T = on_ground(site, machine, E0 + x, N0 + y, heading).T_absolute_machine
     R = T[:3, :3]
     assert pytest.approx(np.eye(3), abs=1e-12) == R.T @ R
@@ -76,7 +77,7 @@ def test_half_off_the_edge_still_stands_but_a_single_foot_does_not() -> None:
 
 def test_nowhere_to_stand_is_said() -> None:
     with pytest.raises(ScenarioError, match="no ground to stand on"):
-        on_ground(site_of(), load_machine("rre20"), E0, N0, 0.0)
+        on_ground(site_of(), MACHINE, E0, N0, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +87,7 @@ def double_track() -> SiteModel:
 
 def test_on_rails_as_the_site_describes_the_place(double_track: SiteModel) -> None:
     place = OnTrack(alignment="Track 1", distance_m=569.5)
-    stood = stand(double_track, load_rule_book("finland"), load_machine("rre20"), place)
+    stood = stand(double_track, load_rule_book("finland"), MACHINE, place)
     T = stood.T_absolute_machine
     assert T[:3, 3] == pytest.approx([25487284.745, 6714592.330, 80.183], abs=3e-3)
     heading = math.degrees(math.atan2(T[0, 0], T[1, 0]))
@@ -97,7 +98,7 @@ def test_on_rails_as_the_site_describes_the_place(double_track: SiteModel) -> No
 
 
 def test_facing_backward_turns_about_the_upright(double_track: SiteModel) -> None:
-    rules, machine = load_rule_book("finland"), load_machine("rre20")
+    rules, machine = load_rule_book("finland"), MACHINE
     ahead = stand(double_track, rules, machine, OnTrack(alignment="Track 1", distance_m=500.0)).T_absolute_machine
     place = OnTrack(alignment="Track 1", distance_m=500.0, facing="backward")
     back = stand(double_track, rules, machine, place).T_absolute_machine
@@ -105,7 +106,7 @@ def test_facing_backward_turns_about_the_upright(double_track: SiteModel) -> Non
 
 
 def test_put_beside_the_rails_it_is_set_on_them(double_track: SiteModel) -> None:
-    rules, machine = load_rule_book("finland"), load_machine("rre20")
+    rules, machine = load_rule_book("finland"), MACHINE
     on = stand(double_track, rules, machine, OnTrack(alignment="Track 1", distance_m=569.5)).T_absolute_machine
     left = on[:2, 1] / np.linalg.norm(on[:2, 1])
     east, north = on[:2, 3] + 0.4 * left
@@ -117,7 +118,7 @@ def test_put_beside_the_rails_it_is_set_on_them(double_track: SiteModel) -> None
 
 
 def test_an_unknown_track_or_distance_is_a_scenario_error(double_track: SiteModel) -> None:
-    rules, machine = load_rule_book("finland"), load_machine("rre20")
+    rules, machine = load_rule_book("finland"), MACHINE
     for place in (OnTrack(alignment="Track 9", distance_m=1.0), OnTrack(alignment="Track 1", distance_m=1e6)):
         with pytest.raises(ScenarioError):
             stand(double_track, rules, machine, place)

@@ -10,10 +10,13 @@ from workgauge.proximity.scene import Scene
 from workgauge.values.arrays import Floats, frozen
 
 #: How clear of every limit the arm should be when it points at the target, best first [m].
-CLEAR_M = (1.2, 0.9, 0.5)
+CLEAR_M = (1.2, 0.85, 0.4)
 
-#: How clear of limits it must be where it starts, and of the machine itself anywhere [m].
-START_CLEAR_M, SELF_CLEAR_M = 0.4, 0.4
+#: How clear of limits and of the machine itself the arm should be anywhere on its way there [m]: not slowed yet.
+WAY_CLEAR_M = 0.85
+
+#: Places looked at on the cab's way to the target.
+ON_THE_WAY = 6
 
 #: Postures tried; a power of two, so that they fill the joints' ranges evenly.
 TRIED = 512
@@ -43,25 +46,30 @@ def start_posture(scene: Scene, T_site_machine: Floats, target: Floats | None) -
         target: (3,) what it is to be driven at, site frame, or None.
 
     Returns:
-        joint positions (n,); home if no better posture was found.
+        joint positions (n,); where nothing is clear enough, the clearest of those tried.
     """
     machine = scene.machine
     home = np.array(machine.home)
     bearing = _bearing(machine, T_site_machine, target)
+    arms = _arms(machine)
     for clear in CLEAR_M:
-        for arm in _arms(machine):
+        for arm in arms:
             facing = _turned(machine, arm, bearing)
-            if not _reaches(machine, facing, target, T_site_machine):
-                continue
-            limit, own = clearances(scene, facing, T_site_machine, 2.0)
-            if own < SELF_CLEAR_M or limit < clear:
+            if not _reaches(machine, facing, target, T_site_machine) or not _clear(
+                scene, facing, T_site_machine, clear
+            ):
                 continue
             for swing in (home[0], *(bearing + turned for turned in TURNED), bearing):
-                start = _turned(machine, arm, swing)
-                limit, own = clearances(scene, start, T_site_machine, 2.0)
-                if limit >= START_CLEAR_M and own >= SELF_CLEAR_M:
-                    return frozen(start)
-    return frozen(home)
+                way = [_turned(machine, arm, s) for s in np.linspace(swing, bearing, 1 + ON_THE_WAY)]
+                if all(_clear(scene, q, T_site_machine, min(clear, WAY_CLEAR_M)) for q in way[:-1]):
+                    return frozen(way[0])
+    tried = [home, *(_turned(machine, arm, bearing) for arm in arms)]
+    return frozen(max(tried, key=lambda q: min(clearances(scene, q, T_site_machine, 1.5))))
+
+
+def _clear(scene: Scene, q: Floats, T_site_machine: Floats, clear: float) -> bool:
+    limit, own = clearances(scene, q, T_site_machine, 1.5)
+    return limit >= clear and own >= min(clear, WAY_CLEAR_M)
 
 
 def _arms(machine: MachineModel) -> Floats:

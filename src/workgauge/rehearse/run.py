@@ -53,7 +53,7 @@ def default_drive(lever: float = 0.8) -> tuple[Step, ...]:
     target = Target(nearest="point")
     return (
         Hold(do="hold", for_s=0.5),
-        Swing(do="swing_to", target=target, lever=0.5 * lever),
+        Swing(do="swing_to", target=target, lever=0.7 * lever),
         DriveLine(do="tool_line", target=target, lever=lever, stopped_for_s=0.8),
         Hold(do="hold", for_s=0.5),
         DriveBack(do="back", lever=lever),

@@ -11,8 +11,9 @@ from workgauge.values.errors import ScenarioError
 from workgauge.values.limits import Limit, LimitKind
 from workgauge.values.solids import Box, Convex, PrismChain, Solid, Surface, Tube
 
-#: The tool is aimed at least this far below the top and above the foot of an upright thing [m].
-INSIDE_M = 0.3
+#: The tool is aimed at least this far below the top and above the bottom of an upright thing [m]; solids of poles
+#: begin below the ground.
+BELOW_TOP_M, ABOVE_BOTTOM_M = 0.3, 2.0
 
 
 def solid_points(solid: Solid) -> Floats:
@@ -29,7 +30,7 @@ def middle(limit: Limit, height: float) -> Floats:
     """Return the middle (3,) of a limit in plan, at this height if the limit is as high, site frame [m]."""
     points = solid_points(limit.solid)
     low, high = points.min(axis=0), points.max(axis=0)
-    z = float(np.clip(height, min(low[2] + INSIDE_M, high[2]), max(high[2] - INSIDE_M, low[2])))
+    z = min(max(height, float(low[2]) + ABOVE_BOTTOM_M), max(float(high[2]) - BELOW_TOP_M, float(low[2])))
     return np.array([*(0.5 * (low + high))[:2], z])
 
 

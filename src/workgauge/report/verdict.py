@@ -26,12 +26,18 @@ def metres(value: float | None) -> str:
 
 
 def decisive(result: RunResult) -> Intervention | None:
-    """Return the intervention that left the least speed, preferring limits over everything else."""
-    places = [cause for cause in result.interventions if cause.reason in PLACE_CAUSES]
-    candidates = places or list(result.interventions)
-    if not candidates:
-        return None
-    return min(candidates, key=lambda cause: (1.0 if cause.scale is None else cause.scale, cause.t_s))
+    """Return the intervention that left the least speed; of equals, one by a limit, then the first."""
+
+    def order(cause: Intervention) -> tuple[float, bool, float]:
+        return 1.0 if cause.scale is None else cause.scale, cause.reason not in PLACE_CAUSES, cause.t_s
+
+    limits = [c for c in result.interventions if c.reason in PLACE_CAUSES and stopping(c)]
+    return min(limits or result.interventions, key=order, default=None)
+
+
+def stopping(cause: Intervention) -> bool:
+    """Return whether an intervention left so little speed that the machine counts as stopped."""
+    return cause.scale is not None and cause.scale <= STOPPED_SCALE
 
 
 def headline(result: RunResult) -> tuple[str, bool]:
@@ -47,11 +53,10 @@ def headline(result: RunResult) -> tuple[str, bool]:
     if cause is None:
         return "Nothing held the machine back: it moved as its levers said.", True
     if cause.reason in PLACE_CAUSES and cause.limit is not None:
-        stopped = cause.scale is not None and cause.scale <= STOPPED_SCALE
-        verb = "Stopped by" if stopped else "Slowed by"
+        verb = "Stopped by" if stopping(cause) else "Slowed by"
         return f"{verb} {result.name_of(cause.limit)}: the {cause.link} came no nearer.", True
     words = CAUSE_WORDS.get(ReasonCode(cause.reason), cause.reason.replace("_", " "))
-    return f"Held back by {words}{f' ({cause.joint})' if cause.joint else ''}; no limit was reached.", True
+    return f"Held back by {words}{f' ({cause.joint})' if cause.joint else ''}, not by a limit.", True
 
 
 def details(result: RunResult) -> str:

@@ -1,0 +1,113 @@
+"""`run`: the documented object, the report, the live view that never shows where nobody looks."""
+
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from workgauge.app.live import LiveView, bar, centred_bar
+from workgauge.rehearse.run import Progress, open_session, run_session
+from workgauge.rehearse.scenario import load_scenario
+
+SHORT = """\
+title: Short
+site: {shipped: double_track}
+machine: rre20
+rules: finland
+start:
+  on_track: {alignment: Track 1, distance_m: 573.0}
+  posture_deg: {swing: -92, boom: 20, stick: -108, bucket: -73, tilt: 11, rotate: 4}
+joints: ideal
+sensors: perfect
+drive:
+  - {do: hold, for_s: 0.2}
+  - {do: tool_line, target: {limit: "point:P1-12"}, lever: 0.8, for_s: 1.2}
+"""
+
+PROGRAM = Path(sys.executable).with_name("workgauge")
+
+
+def test_exactly_the_documented_object_and_the_report(cli, write, tmp_path: Path) -> None:
+    scenario = write(SHORT, "short.yaml")
+    folder = tmp_path / "out" / "report"
+    answer = cli.workgauge("run", "--scenario", scenario, "--headless", "--report", folder, "--json")
+    data = answer.data
+    assert list(data) == [
+        "ticks",
+        "simulated_s",
+        "min_clearance_m",
+        "entries",
+        "interventions",
+        "tick_ms",
+        "min_self_clearance_m",
+        "self_entries",
+        "warnings",
+    ]
+    assert (data["ticks"], data["simulated_s"], data["entries"]) == (140, 1.4, 0)
+    assert {tuple(cause) for cause in data["interventions"]} == {
+        ("t_s", "reason", "link", "limit", "clearance_m", "scale")
+    }
+    assert any(cause["limit"] == "point:P1-12" for cause in data["interventions"])
+    assert 0 < data["tick_ms"]["p50"] <= data["tick_ms"]["p99"] <= data["tick_ms"]["max"]
+    assert sorted(path.name for path in folder.iterdir()) == ["report.html", "run.json"]
+    assert json.loads((folder / "run.json").read_text()) == data
+
+
+def test_site_takes_several_files_and_a_place(cli, shipped: Path) -> None:
+    files = [shipped / "tracks.xml", shipped / "catenary.xml"]
+    arguments = ["--at", "25487288.0,6714595.5,42", "--rules", "finland", "--headless", "--json"]
+    together = cli.workgauge("run", "--site", *files, *arguments)
+    # Under the contact wire the home posture is refused or folded; either way it is the same for both spellings.
+    apart = cli.workgauge("run", "--site", files[0], "--site", files[1], *arguments)
+    assert together.code == apart.code
+    if together.code == 0:
+        assert {**together.data, "tick_ms": 0} == {**apart.data, "tick_ms": 0}
+        assert together.data["entries"] == 0
+    else:
+        cli.refused(together)
+
+
+def test_as_a_program_json_is_all_there_is_on_stdout(write) -> None:
+    scenario = write(SHORT, "short.yaml")
+    done = subprocess.run(
+        [PROGRAM, "run", "--scenario", scenario, "--json"], capture_output=True, text=True, check=True
+    )
+    assert json.loads(done.stdout)["ticks"] == 140
+    assert "\x1b" not in done.stdout + done.stderr
+
+
+def test_without_a_terminal_there_is_text_and_no_control_codes(cli, write) -> None:
+    answer = cli.workgauge("run", "--scenario", write(SHORT, "short.yaml"))
+    assert answer.code == 0
+    assert "by Pole P1-12" in answer.out and "smallest true clearance" in answer.out
+    assert "\x1b" not in answer.out
+
+
+def test_the_live_view_draws_every_moment() -> None:
+    loaded = load_scenario("pole-approach")
+    session = open_session(loaded)
+    screen = Console(file=io.StringIO(), force_terminal=True, width=100)
+    seen: list[Progress] = []
+    with LiveView(screen, session.machine, 0.8, speed=0.0) as view:
+
+        def watch(progress: Progress) -> None:
+            seen.append(progress)
+            view.show(progress)
+
+        run_session(session, loaded.scenario.drive[:1], "watched", progress=watch)
+    assert len(seen) == 100
+    plain = Console(file=io.StringIO(), width=100)
+    plain.print(view.picture(seen[-1]))
+    text = plain.file.getvalue()  # type: ignore[attr-defined]
+    for word in ("clearance", "speed left", "swing", "hold (1 of 1)", "°/s"):
+        assert word in text
+
+
+@pytest.mark.parametrize("share", [-1.5, -1.0, -0.3, 0.0, 0.4, 1.0, 7.0])
+def test_bars_keep_their_width(share: float) -> None:
+    assert len(bar(share, 30)) == 30
+    assert len(centred_bar(share, 30)) == 31
