@@ -133,8 +133,8 @@ def polygon_distance(points: Floats, polygons: Floats) -> Floats:
     nearest = np.min(np.linalg.norm(gap - share[..., None] * edge, axis=-1), axis=1)
     x, y = points[:, :1], points[:, 1:]
     spans = (a[..., 1] > y) != (b[..., 1] > y)
-    rise = np.where(edge[..., 1] == 0, 1.0, edge[..., 1])
-    crosses = spans & (x < a[..., 0] + (y - a[..., 1]) / rise * edge[..., 0])
+    turn = (x - a[..., 0]) * edge[..., 1] - (y - a[..., 1]) * edge[..., 0]
+    crosses = spans & (turn * np.sign(edge[..., 1]) < 0)
     inside = np.sum(crosses, axis=1) % 2 == 1
     return np.where(inside, 0.0, nearest)
 

@@ -81,8 +81,17 @@ def unsourced(book: RuleBook) -> list[str]:
         key
         for key, block in _blocks(book, "")
         if not block.source
-        and any(isinstance(value, float | tuple) for name, value in block if name in block.model_fields_set)
+        and any(_numeric(value) for name, value in block if name in block.model_fields_set)
     ]
+
+
+def _numeric(value: object) -> bool:
+    """Return whether a value is a number or holds one that no sourced block of its own answers for."""
+    if isinstance(value, tuple):
+        return any(_numeric(inner) for inner in value)
+    if isinstance(value, BaseModel) and not isinstance(value, Sourced):
+        return any(_numeric(inner) for _, inner in value)
+    return isinstance(value, float)
 
 
 def _blocks(value: object, key: str) -> Iterator[tuple[str, Sourced]]:

@@ -244,8 +244,8 @@ class RuleBook(Sourced):
     version: Literal[1]
     name: Annotated[str, Field(min_length=1)]
     title: str
-    profiles: dict[str, ProfileBlock] = {}
-    voltages: dict[str, Voltage] = {}
+    profiles: dict[str, ProfileBlock] = Field(default_factory=dict)
+    voltages: dict[str, Voltage] = Field(default_factory=dict)
     own_track: OwnTrackBlock = OwnTrackBlock()
     height_without_profile: Height | Literal["nearest_surface"] = 0.0
     accuracy_m: Annotated[float, Field(strict=True, ge=0.001, le=0.05)] = 0.015
