@@ -92,6 +92,7 @@ def test_factors_keep_the_shape_of_their_input():
         (3067, 0.0, 0.0, False),
         (3067, 400_000.0, math.nan, False),
         (3067, math.inf, 7e6, False),
+        (25832, 396_319.0, 45_645_928.0, False),  # once round the earth and back into Germany
         (32601, 500_000.0, 7_000_000.0, True),  # beside the date line
     ],
 )

@@ -122,6 +122,48 @@ def test_no_sampled_point_is_nearer_than_the_projection(tools, law, places):
     assert (np.sign(offset) == -np.sign(side)).all() or np.abs(side).min() < 1e-6
 
 
+@given(st.lists(st.tuples(st.floats(-20, 120), st.floats(-15, 25)), min_size=1, max_size=30))
+@settings(max_examples=60, deadline=None)
+def test_projection_in_a_hairpin_takes_the_nearer_leg(tools, places):
+    hairpin = tools.build(
+        tools.chain(
+            ("line", Law.CONSTANT, 100.0, 0.0, 0.0),
+            ("curve", Law.CONSTANT, 5 * math.pi, 0.2, 0.2),
+            ("line", Law.CONSTANT, 95.0, 0.0, 0.0),
+            yaw=0.0,
+        )
+    )
+    points = np.array(places) + np.array([21_530_012.5, 6_783_000.0 - 31.25])
+    dense = hairpin.at(np.linspace(0, hairpin.length, 20_001))
+    apart = np.hypot(dense.e - points[:, :1], dense.n - points[:, 1:]).min(axis=1)
+    _, offset = hairpin.project(points)
+    assert (np.abs(offset) <= apart + 1e-7).all()
+    assert (np.abs(offset) >= apart - 0.01).all()
+
+
+@given(st.floats(-5, 5), st.floats(-5, 5))
+@settings(max_examples=60, deadline=None)
+def test_projection_onto_a_tiny_circle(tools, x, y):
+    circle = tools.build([PlanElement("curve", Law.CONSTANT, (0.0, -1.5), 0.0, 3 * math.pi, 1 / 1.5, 1 / 1.5)])
+    _, offset = circle.project([[21_530_000.0 + x, 6_783_000.0 + y]])
+    assert offset[0] == pytest.approx(1.5 - math.hypot(x, y), abs=1e-7)
+
+
+def test_the_nearest_span_need_not_have_the_nearest_middle(tools):
+    hairpin = tools.build(
+        tools.chain(
+            ("line", Law.CONSTANT, 100.0, 0.0, 0.0),
+            ("curve", Law.CONSTANT, 5 * math.pi, 0.2, 0.2),
+            ("line", Law.CONSTANT, 100.0, 0.0, 0.0),
+            yaw=0.0,
+        )
+    )
+    # Level with the ends of the far leg's spans there are only middles of the near leg's, were they as long.
+    for x in np.arange(0.0, 100.0, 0.5):
+        _, offset = hairpin.project([[21_530_012.5 + x, 6_783_000.0 - 31.25 + 5.4]])
+        assert abs(offset[0]) == pytest.approx(4.6, abs=1e-9)
+
+
 def test_points_beyond_an_end_project_on_it(tracks):
     track = tracks[Law.CLOTHOID]
     start = track.at(0.0)

@@ -1,6 +1,9 @@
 """Coordinate systems of site files, merging of files, and the model's own frame."""
 
+import html
+
 import numpy as np
+import pyproj
 import pytest
 
 from workgauge.site.transitions import Law
@@ -134,6 +137,8 @@ def test_files_are_merged(read, line):
         t == "site1.xml: taken to be in EPSG:3875 (ETRS89 / GK21FIN) like the other files" for t in site.warnings
     )
     assert any("several alignments are called 'A'" in t for t in read(one, one).warnings)
+    wkt = html.escape(pyproj.CRS.from_epsg(3875).to_wkt(), quote=True)
+    assert len(read(one, line(f'<CoordinateSystem ogcWktCode="{wkt}"/>', name="C")).alignments) == 2
     with pytest.raises(SiteError, match=r"different coordinate systems.*EPSG:3879.*EPSG:3875"):
         read(one, line('<CoordinateSystem epsgCode="3879"/>', origin=(25_530_000.0, 6_783_000.0)))
 

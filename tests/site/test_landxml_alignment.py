@@ -56,6 +56,46 @@ def test_an_arc_of_more_than_half_a_circle(tools, read):
             assert same_place(site.alignments[0], tools.build([item]), np.linspace(0, 450 - 1e-5, 100), 1e-5)
 
 
+def test_a_short_arc_without_centre_and_a_full_circle(tools, read):
+    w = tools.Writer()
+    for turn in (1, -1):
+        item = PlanElement("curve", Law.CONSTANT, (0.0, 0.0), 1.0, 80.0, turn / 100, turn / 100)
+        bare = re.sub("<Center>.*</Center>", "", w.element(item))
+        assert same_place(
+            read(w.document(w.alignment(bare))).alignments[0], tools.build([item]), np.arange(80.0), 1e-5
+        )
+        item = PlanElement("curve", Law.CONSTANT, (0.0, 0.0), 1.0, 200 * math.pi, turn / 100, turn / 100)
+        circle = re.sub("<End>[^<]*", w.place("End", 0.0, 0.0)[:-6], w.element(item))
+        track = read(w.document(w.alignment(circle))).alignments[0]
+        assert track.length == pytest.approx(200 * math.pi, abs=1e-4)
+        assert same_place(track, tools.build([item]), np.arange(0.0, 628.0, 4.0), 1e-4)
+        with pytest.raises(SiteError, match="closed curve needs a Center"):
+            read(w.document(w.alignment(re.sub("<Center>.*</Center>", "", circle))))
+        with pytest.raises(SiteError, match="ends coincide"):
+            read(w.document(w.alignment(re.sub('length="[^"]*"', 'length="5"', circle))))
+
+
+def test_a_spiral_that_turns_by_more_than_half_a_circle(tools, read):
+    w = tools.Writer()
+    item = tools.chain(("spiral", Law.CLOTHOID, 160.0, 0.0, 1 / 22))[0]
+    assert item.end_yaw() - item.yaw > math.pi
+    site = read(w.document(w.alignment(w.element(item))))
+    assert same_place(site.alignments[0], tools.build([item]), np.arange(160.0), 1e-5)
+
+
+def test_a_spiral_is_held_by_the_tangent_that_closes_it(tools, read):
+    """As real files have it: a parabola laid out from its straight end, 0.3 mrad off at its curved end."""
+    w = tools.Writer()
+    item = tools.chain(("spiral", Law.BIQUADRATIC, 240.0, 1 / 1200, 0.0))[0]
+    wrong = item.yaw + 0.0003
+    tangents = np.array([[math.cos(wrong), -math.cos(item.end_yaw())], [math.sin(wrong), -math.sin(item.end_yaw())]])
+    meet = np.linalg.solve(tangents, np.array(item.end()) - item.start)[0]
+    pi = w.place("PI", item.start[0] + meet * math.cos(wrong), item.start[1] + meet * math.sin(wrong))
+    site = read(w.document(w.alignment(re.sub("<PI>.*</PI>", pi, w.element(item)))))
+    assert site.warnings == ()
+    assert same_place(site.alignments[0], tools.build([item]), np.arange(240.0), 2e-6)
+
+
 def test_equal_radii_make_an_arc_and_radii_may_be_infinite_in_any_spelling(tools, read):
     w = tools.Writer()
     arc = tools.chain(("spiral", Law.CLOTHOID, 60.0, 1 / 400, 1 / 400))[0]

@@ -123,8 +123,12 @@ class SiteModel:
 
     @cached_property
     def bounds(self) -> Floats:
-        """(2, 3) smallest and largest east, north, height of everything [m]; heights NaN if there are none."""
-        parts = [np.column_stack([a.at(a.breaks).e, a.at(a.breaks).n, a.at(a.breaks).z]) for a in self.alignments]
+        """(2, 3) smallest and largest east, north, height of everything [m]; heights NaN if there are none.
+
+        Alignments count by the ends of their elements.
+        """
+        states = [a.at(a.breaks) for a in self.alignments]
+        parts: list[Floats] = [np.column_stack([s.e, s.n, s.z]) for s in states]
         parts += [s.vertices for s in self.surfaces]
         parts += [line.points for line in self.lines]
         parts += [p.position[None] for p in self.points]

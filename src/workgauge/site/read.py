@@ -87,7 +87,8 @@ def _read_one(path: Path) -> SiteModel:
 def _merge(models: list[SiteModel], known: dict[str, ProjectedCrs], without: list[str]) -> SiteModel:
     first_file, first = next(iter(known.items()), ("", None))
     for file, crs in known.items():
-        if first is not None and crs != first:
+        same = first is None or (crs == first if None in (crs.epsg, first.epsg) else crs.epsg == first.epsg)
+        if first is not None and not same:
             raise SiteError(
                 "site files with different coordinate systems",
                 file=file,
