@@ -1,6 +1,5 @@
 """What every guard is given and gives back."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
@@ -14,6 +13,9 @@ from workgauge.values.reasons import Reason, ReasonCode
 JsonValue: TypeAlias = 'bool | int | float | str | Sequence["JsonValue"] | Mapping[str, "JsonValue"] | None'
 #: What a guard remembers from tick to tick: plain data that goes through JSON unchanged, never written to.
 Memory: TypeAlias = Mapping[str, JsonValue]
+
+#: Numbers beyond this are no measurement: what is computed from smaller ones cannot overflow.
+FAR = 1e6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,22 +98,23 @@ def unusable(given: GuardInput) -> str | None:
         return f"{n} joints expected"
     if given.rows.shape != (k, n) or clearances.protections.shape != (k,) or clearances.stop_distances.shape != (k,):
         return "clearances and their rows differ in number"
-    if not all(map(math.isfinite, given.desired.tolist())):
-        return "desired velocity is not a number"
-    if not all(map(math.isfinite, given.q.tolist())):
-        return "joint position is not a number"
-    if not 0.0 < given.dt_s < math.inf:
-        return "time step is not a positive number"
-    if k and not _finite(clearances.distances):
-        return "a clearance is not a number"
-    if k and not (_finite(clearances.protections) and np.minimum.reduce(clearances.protections) >= 0.0):
+    if not all(abs(speed) < FAR for speed in given.desired.tolist()):
+        return "desired velocity is not a number, or out of this world"
+    if not all(abs(position) < FAR for position in given.q.tolist()):
+        return "joint position is not a number, or out of this world"
+    if not 1e-6 <= given.dt_s < FAR:
+        return "time step is not a number, or none a tick can have"
+    if k and not _near(clearances.distances):
+        return "a clearance is not a number, or out of this world"
+    if k and not (_near(clearances.protections) and np.minimum.reduce(clearances.protections) >= 0.0):
         return "a protection level is not a number, or below zero"
     if k and np.logical_or.reduce(np.isinf(clearances.stop_distances)):
         return "a stop distance is infinite"
-    if k and not _finite(given.rows):
-        return "the motion of a clearance is not a number"
+    if k and not _near(given.rows):
+        return "the motion of a clearance is not a number, or out of this world"
     return None
 
 
-def _finite(array: Floats) -> bool:
-    return bool(np.logical_and.reduce(np.isfinite(array), axis=None))
+def _near(array: Floats) -> bool:
+    """Return whether every element is a number smaller than `FAR`; NaN is none."""
+    return float(np.maximum.reduce(np.abs(array), axis=None)) < FAR
