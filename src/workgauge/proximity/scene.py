@@ -1,6 +1,7 @@
 """All limits of a site around one machine, asked for clearances once per tick."""
 
 import math
+import operator
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,7 +12,15 @@ from workgauge.proximity.cells import OrientedBoxes, cut
 from workgauge.proximity.chain import penetrate
 from workgauge.proximity.overlap import box_polyhedron, signed_distance
 from workgauge.proximity.pairs import box_gaps, oriented_gaps
-from workgauge.proximity.shapes import TOUCHING_M, Placed, measure, new_result, placed_boxes
+from workgauge.proximity.shapes import (
+    TOUCHING_M,
+    Placed,
+    box_shapes,
+    direction_and_point,
+    measure,
+    new_result,
+    transform,
+)
 from workgauge.proximity.store import CellShapes
 from workgauge.proximity.surface import SurfaceIndex
 from workgauge.values.arrays import Floats, Ints, frozen, frozen_ints
@@ -22,26 +31,11 @@ from workgauge.values.solids import Surface, Tube
 _ALWAYS = Activity()
 #: Lower bounds may be this much too large by rounding [m].
 _SLACK_M = 1e-9
-#: (solid, limit, cell), distance, way out, point of the machine, point of the limit.
-_Row = tuple[tuple[int, int, int], float, Floats, Floats, Floats]
-
-
-class _Rows:
-    """The clearances found so far, one per list entry."""
-
-    def __init__(self) -> None:
-        self.keys: list[tuple[int, int, int, int]] = []  # solid, limit, cell or other solid, other link
-        self.distances: list[float] = []
-        self.normals: list[Floats] = []
-        self.points_machine: list[Floats] = []
-        self.points_limit: list[Floats] = []
-
-    def add(self, key: tuple[int, int, int, int], distance: float, u: Floats, machine: Floats, limit: Floats) -> None:
-        self.keys.append(key)
-        self.distances.append(distance)
-        self.normals.append(u)
-        self.points_machine.append(machine)
-        self.points_limit.append(limit)
+#: Solid, limit, cell (of two links: the other solid), other link or -1, distance, way out, point of the machine.
+_Row = tuple[int, int, int, int, float, Floats, Floats]
+_ORDER = operator.itemgetter(0, 1, 2)
+#: So many pairs are worth a closer bound before they are measured.
+_MANY_PAIRS = 48
 
 
 class Scene:
@@ -66,7 +60,11 @@ class Scene:
         self._surfaces = [
             (i, SurfaceIndex(limit.solid)) for i, limit in enumerate(self.limits) if isinstance(limit.solid, Surface)
         ]
+        self._indices: list[int] = self._cells.cells.tolist()
         self._links = [solid.link for solid in machine.solids]
+        self._link_of = frozen_ints(self._links)
+        self._rest_halves = frozen([solid.half_extents for solid in machine.solids])
+        self._rest_shapes = box_shapes(self._rest_halves)
         names = [machine.link_names[link] for link in self._links]
         patterns = {limit.exempt_links for limit in self.limits}
         self._exempt = {links: np.array([name in links for name in names], dtype=np.bool_) for links in patterns}
@@ -79,8 +77,7 @@ class Scene:
         self._stop_distances = frozen([*stops, *(math.nan for _ in machine.link_names)])
         # of two links, the one farther out is the one that moves, the other its limit
         pairs = [(j, i) if self._links[j] > self._links[i] else (i, j) for i, j in machine.self_pairs]
-        self._movers = frozen_ints([pair[0] for pair in pairs])
-        self._others = frozen_ints([pair[1] for pair in pairs])
+        self._pairs = tuple(pairs)
 
     def query(
         self,
@@ -113,14 +110,21 @@ class Scene:
         low, high = lows.min(axis=0) - radius_m, highs.max(axis=0) + radius_m
         if not (math.isfinite(low.sum()) and math.isfinite(high.sum()) and radius_m > 0.0):
             raise ValueError("proximity needs a finite posture and pose, and a radius above 0")
-        placed = placed_boxes(boxes)
+        placed = self._placed(boxes)
         result = new_result()
-        rows = _Rows()
+        rows: list[_Row] = []
         near = self._near_cells(lows, highs, low, high, radius_m, now_ns, off_states)
         self._measure_cells(rows, boxes, placed, *near, radius_m, result)
         self._measure_surfaces(rows, boxes, placed, radius_m, now_ns, off_states, result)
         self._measure_links(rows, boxes, placed, radius_m, result)
         return self._clearances(rows, radius_m)
+
+    def _placed(self, boxes: OrientedBoxes) -> list[Placed]:
+        """Return the machine's solids at their poses; only boxes that stretch need a shape of their own."""
+        shapes = self._rest_shapes
+        if (boxes.halves != self._rest_halves).any():
+            shapes = box_shapes(boxes.halves)
+        return [(shape, transform(R, t)) for shape, R, t in zip(shapes, boxes.axes, boxes.centres, strict=True)]
 
     def _near_cells(
         self,
@@ -131,8 +135,8 @@ class Scene:
         radius_m: float,
         now_ns: int,
         off_states: frozenset[str],
-    ) -> tuple[Ints, Ints]:
-        """Return (solid, cell) pairs whose axis-parallel boxes are near, without inactive and exempt ones."""
+    ) -> tuple[Ints, Ints, Floats]:
+        """Return (solid, cell) pairs that may be near and lower bounds, without inactive and exempt ones."""
         cells = self._cells.near_plan(low, high)
         limits = self._cells.limits.take(cells)
         conditional = self._conditional.take(limits)
@@ -145,20 +149,22 @@ class Scene:
         for k in np.flatnonzero(self._exempting.take(limits)).tolist():
             close[self._exempt[self.limits[limits[k]].exempt_links], k] = False
         solids, which = close.nonzero()
-        return solids, cells.take(which)
+        return solids, cells.take(which), gaps[solids, which]
 
     def _measure_cells(
         self,
-        rows: _Rows,
+        rows: list[_Row],
         boxes: OrientedBoxes,
         placed: list[Placed],
         solids: Ints,
         cells: Ints,
+        bounds: Floats,
         radius_m: float,
         result: Any,
     ) -> None:
         """Measure pairs from the nearest bound on, until no cell of the same limit can be nearer."""
-        bounds = oriented_gaps(boxes, solids, self._cells.boxes, cells)
+        if len(cells) > _MANY_PAIRS:
+            bounds = oriented_gaps(boxes, solids, self._cells.boxes, cells)
         limits = self._cells.limits.take(cells)
         order = np.lexsort((cells, bounds, limits, solids))
         order = order[bounds.take(order) < radius_m + _SLACK_M]
@@ -175,48 +181,38 @@ class Scene:
         row: _Row | None = None
         for s, i, cell, bound in pairs:
             if s != solid or i != limit:
-                self._finish(rows, boxes, row, touched)
+                if row is not None:
+                    rows.append(self._overlap(boxes, solid, limit, touched) if touched else row)
                 solid, limit, row, touched = s, i, None, []
                 touching_m, best = TOUCHING_M - self._radii[i], radius_m
             if bound >= best + _SLACK_M and bound > _SLACK_M:
                 continue
-            distance, u, on_limit, on_machine = measure(self._shapes.placed(cell), placed[s], result)
+            distance = measure(self._shapes.placed(cell), placed[s], result)
             if distance <= touching_m:
                 touched.append(cell)
             if distance < best:
                 best = distance
-                row = (s, i, cell), distance, u, on_machine, on_limit
-        self._finish(rows, boxes, row, touched)
+                row = s, i, self._indices[cell], -1, distance, *direction_and_point(result)
+        if row is not None:
+            rows.append(self._overlap(boxes, solid, limit, touched) if touched else row)
 
-    def _finish(self, rows: _Rows, boxes: OrientedBoxes, row: _Row | None, touched: list[int]) -> None:
-        """Add what was found for one solid and limit; if they touch, measured anew by other means."""
-        if row is None:
-            return
-        (s, i, cell), distance, u, on_machine, on_limit = row
-        index = int(self._cells.cells[cell])
-        if touched:
-            index, distance, u, on_machine, on_limit = self._overlap(boxes, s, i, sorted(touched))
-        rows.add((s, i, index, -1), distance, u, on_machine, on_limit)
-
-    def _overlap(
-        self, boxes: OrientedBoxes, s: int, i: int, touched: list[int]
-    ) -> tuple[int, float, Floats, Floats, Floats]:
-        """Return cell index, distance, way out and points of a solid that touches cells of one limit."""
-        indices = [int(self._cells.cells[cell]) for cell in touched]
+    def _overlap(self, boxes: OrientedBoxes, s: int, i: int, touched: list[int]) -> _Row:
+        """Measure anew, by other means, a solid that touches cells of one limit."""
+        touched = sorted(touched)
+        indices = [self._indices[cell] for cell in touched]
         if indices[0] >= 0:
             found = penetrate(self._shapes.chain(i), indices, boxes.axes[s], boxes.centres[s], boxes.halves[s])
             if found is not None:
-                return found.cell, -found.depth, found.normal, found.point_machine, found.point_limit
+                return s, i, found.cell, -1, -found.depth, found.normal, found.point_machine
         solid = box_polyhedron(boxes, s)
         measured = [signed_distance(self._shapes.polyhedron(cell), solid) for cell in touched]
         nearest = min(range(len(touched)), key=lambda k: measured[k][0])
         distance, u, on_machine = measured[nearest]
-        distance -= self._radii[i]
-        return indices[nearest], distance, u, on_machine, on_machine - distance * u
+        return s, i, indices[nearest], -1, distance - self._radii[i], u, on_machine
 
     def _measure_surfaces(
         self,
-        rows: _Rows,
+        rows: list[_Row],
         boxes: OrientedBoxes,
         placed: list[Placed],
         radius_m: float,
@@ -234,52 +230,33 @@ class Scene:
                     placed[s], boxes.axes[s], boxes.centres[s], boxes.halves[s], radius_m, result
                 )
                 if found is not None:
-                    rows.add(
-                        (s, i, found.triangle, -1),
-                        found.distance,
-                        found.normal,
-                        found.point_machine,
-                        found.point_limit,
-                    )
+                    rows.append((s, i, found.triangle, -1, found.distance, found.normal, found.point_machine))
 
     def _measure_links(
-        self, rows: _Rows, boxes: OrientedBoxes, placed: list[Placed], radius_m: float, result: Any
+        self, rows: list[_Row], boxes: OrientedBoxes, placed: list[Placed], radius_m: float, result: Any
     ) -> None:
-        movers, others = self._movers, self._others
-        bounds = oriented_gaps(boxes, movers, boxes, others)
-        for k in np.flatnonzero(bounds < radius_m + _SLACK_M).tolist():
-            mover, other = int(movers[k]), int(others[k])
-            distance, u, on_other, on_mover = measure(placed[other], placed[mover], result)
+        for mover, other in self._pairs:
+            distance = measure(placed[other], placed[mover], result)
+            if distance >= radius_m:
+                continue
             if distance <= TOUCHING_M:
-                distance, u, on_mover = signed_distance(box_polyhedron(boxes, other), box_polyhedron(boxes, mover))
-                on_other = on_mover - distance * u
-            if distance < radius_m:
-                link = self._links[other]
-                rows.add((mover, len(self.limits) + link, other, link), distance, u, on_mover, on_other)
+                distance, u, point = signed_distance(box_polyhedron(boxes, other), box_polyhedron(boxes, mover))
+            else:
+                u, point = direction_and_point(result)
+            link = self._links[other]
+            rows.append((mover, len(self.limits) + link, other, link, distance, u, point))
 
-    def _clearances(self, rows: _Rows, radius_m: float) -> Clearances:
-        order = sorted(range(len(rows.keys)), key=rows.keys.__getitem__)
-        keys = np.array(rows.keys, dtype=np.int64).reshape(-1, 4)[order]
-        limits, cells, others = keys[:, 1], keys[:, 2], keys[:, 3]
-        vectors = np.array((rows.normals, rows.points_machine, rows.points_limit)).reshape(3, -1, 3)[:, order]
-        distances = np.array(rows.distances)[order]
-        links = np.array(self._links, dtype=np.int64)[keys[:, 0]]
+    def _clearances(self, rows: list[_Row], radius_m: float) -> Clearances:
+        rows.sort(key=_ORDER)
+        keys = np.array([row[:4] for row in rows], dtype=np.int64).reshape(-1, 4)
+        distances = np.array([row[4] for row in rows])
+        normals, points_machine = np.array([row[5:] for row in rows]).reshape(-1, 2, 3).transpose(1, 0, 2)
+        points_limit = points_machine - distances[:, None] * normals
+        solids, limits, cells, others = keys.T
+        links = self._link_of.take(solids)
         cells = np.where(others >= 0, -1, cells)
-        protections, stops = self._protections[limits], self._stop_distances[limits]
-        for array in (distances, vectors, links, others, limits, cells, protections, stops):
-            array.setflags(write=False)
-        return Clearances(
-            distances,
-            vectors[0],
-            vectors[1],
-            vectors[2],
-            links,
-            others,
-            limits,
-            cells,
-            protections,
-            stops,
-            self.machine.link_names,
-            self.limit_ids,
-            radius_m,
-        )
+        protections, stops = self._protections.take(limits), self._stop_distances.take(limits)
+        columns = (distances, normals, points_machine, points_limit, links, others, limits, cells, protections, stops)
+        for column in columns:
+            column.setflags(write=False)
+        return Clearances(*columns, self.machine.link_names, self.limit_ids, radius_m)

@@ -6,7 +6,7 @@ from typing import Any
 import coal
 import numpy as np
 
-from workgauge.proximity.cells import OrientedBoxes, frames_along
+from workgauge.proximity.cells import frames_along
 from workgauge.values.arrays import Floats, Ints
 from workgauge.values.limits import Limit
 from workgauge.values.solids import Box, Convex, PrismChain, Surface, Tube
@@ -27,12 +27,14 @@ def distance_request() -> Any:
 REQUEST = distance_request()
 
 
-def placed_boxes(boxes: OrientedBoxes) -> list[Placed]:
-    """Return a coal box for every oriented box."""
-    sizes = (2.0 * boxes.halves).tolist()
-    return [
-        (coal.Box(*size), coal.Transform3s(R, t)) for size, R, t in zip(sizes, boxes.axes, boxes.centres, strict=True)
-    ]
+def transform(R: Floats, position: Floats) -> Any:
+    """Return coal's form of a pose."""
+    return coal.Transform3s(R, position)
+
+
+def box_shapes(halves: Floats) -> list[Any]:
+    """Return a coal box for every row of half extents (m, 3)."""
+    return [coal.Box(*size) for size in (2.0 * halves).tolist()]
 
 
 def placed_cell(limit: Limit, cell: int) -> Placed:
@@ -97,18 +99,20 @@ def placed_mesh(vertices: Floats, faces: Ints) -> Placed:
 #: At and below this distance coal may be wrong about solids with faces, and `overlap` decides [m].
 TOUCHING_M = 1e-6
 
-#: Distance, unit normal from the first to the second, points on the first and on the second (site frame).
-Measured = tuple[float, Floats, Floats, Floats]
 
-
-def measure(first: Placed, second: Placed, result: Any) -> Measured:
+def measure(first: Placed, second: Placed, result: Any) -> float:
     """Return the distance of two convex shapes, to be believed only above `TOUCHING_M`.
 
     For a capsule that bound is meant for its axis: its radius is taken off afterwards.
     """
     result.clear()
-    distance = coal.distance(first[0], first[1], second[0], second[1], REQUEST, result)
-    return distance, result.normal.copy(), result.getNearestPoint1(), result.getNearestPoint2()
+    distance: float = coal.distance(first[0], first[1], second[0], second[1], REQUEST, result)
+    return distance
+
+
+def direction_and_point(result: Any) -> tuple[Floats, Floats]:
+    """Return the unit normal from the first to the second shape measured last, and the second's nearest point."""
+    return result.normal.copy(), result.getNearestPoint2()  # coal hands out a view of the first, a copy of the other
 
 
 def measure_mesh(
