@@ -143,18 +143,17 @@ class Oracle:
     def _widening(self, alignment: Alignment, d: float, sign: float) -> float:
         if self.widening is None:
             return 0.0
-        best = 0.0
         offsets = np.linspace(-26.0, 26.0, 209) if self.early else np.zeros(1)
-        for offset in offsets:
-            there = d + float(offset)
-            if 0 <= there <= alignment.length:
-                k = sign * float(alignment.at(there).curvature[0])
-                inside, outside = self.widening(abs(k))
-                share = min(1.0, max(0.0, (26.0 - abs(offset)) / 20.0))
-                if k > 0 and abs(offset) <= 20.0:
-                    best = max(best, inside)
-                if k < 0:
-                    best = max(best, outside * share)
+        offsets = offsets[(d + offsets >= 0) & (d + offsets <= alignment.length)]
+        curvature = sign * np.asarray(alignment.at(d + offsets).curvature)
+        best = 0.0
+        for offset, k in zip(offsets.tolist(), curvature.tolist(), strict=True):
+            inside, outside = self.widening(abs(k))
+            share = min(1.0, max(0.0, (26.0 - abs(offset)) / 20.0))
+            if k > 0 and abs(offset) <= 20.0:
+                best = max(best, inside)
+            if k < 0:
+                best = max(best, outside * share)
         return best
 
 

@@ -59,15 +59,15 @@ def test_a_wire_limit_holds_every_place_nearer_than_the_distances(steps, side, s
     random = np.random.default_rng(seed)
     span = random.integers(0, len(axis) - 1, 300)
     on = axis[span] + random.random((300, 1)) * (axis[span + 1] - axis[span])
-    # at any place of the wire: straight to the side, below, above, and all round its ends in plan
+    # at any place of the wire: straight to the side, below, above, and round its ends in plan
     along = (axis[span + 1] - axis[span])[:, :2]
     along /= np.linalg.norm(along, axis=1)[:, None]
     square = np.column_stack([-along[:, 1], along[:, 0]]) * side * random.uniform(-1, 1, (300, 1))
     near = np.column_stack([on[:, :2] + square, on[:, 2] + random.uniform(-1, 10, 300)])
-    turn = random.uniform(0, 2 * math.pi, 100)
-    ends = axis[[0, -1] * 50] + np.column_stack(
-        [side * np.cos(turn), side * np.sin(turn), random.uniform(-1, 10, 100)]
-    )
+    out = np.array([axis[0] - axis[1], axis[-1] - axis[-2]] * 50)
+    turn = np.arctan2(out[:, 1], out[:, 0]) + random.uniform(-math.pi / 2, math.pi / 2, 100)
+    beyond = np.column_stack([side * np.cos(turn), side * np.sin(turn), random.uniform(-1, 10, 100)])
+    ends = axis[[0, -1] * 50] + beyond
     corners = np.repeat(axis, 20, axis=0)
     round_ = random.uniform(0, 2 * math.pi, len(corners))
     corners = corners + np.column_stack([side * np.cos(round_), side * np.sin(round_), np.zeros(len(corners))])

@@ -80,8 +80,7 @@ def unsourced(book: RuleBook) -> list[str]:
     return [
         key
         for key, block in _blocks(book, "")
-        if not block.source
-        and any(_numeric(value) for name, value in block if name in block.model_fields_set)
+        if not block.source and any(_numeric(value) for name, value in block if name in block.model_fields_set)
     ]
 
 
