@@ -78,34 +78,38 @@ class LiveView:
     def picture(self, progress: Progress) -> Panel:
         """Return the panel for one moment."""
         trace = progress.result.trace
-        head = Table.grid(padding=(0, 2))
-        head.add_column(style="dim", justify="right", min_width=9)
-        head.add_column(no_wrap=True)
-        head.add_column(justify="right", min_width=9)
-        head.add_column(overflow="ellipsis", no_wrap=True)
         near = progress.clearance_m
         colour = "green" if near is None or near > self._slow else "yellow" if trace.scale > 0.05 else "red"
-        head.add_row(
-            "clearance",
-            Text(bar(0.0 if near is None else near / (3 * self._slow)), style=colour),
-            Text("—" if near is None else f"{near:.3f} m", style=f"bold {colour}"),
-            "nothing in sight" if near is None else f"{progress.link} to {progress.limit}",
-        )
-        why = trace.reasons[0].text if trace.reasons else ""
-        head.add_row("speed left", Text(bar(trace.scale), style=colour), f"{100 * trace.scale:.0f} %", why)
-        joints = Table.grid(padding=(0, 2))
-        joints.add_column(style="dim", justify="right", min_width=9)
-        joints.add_column(no_wrap=True)
-        joints.add_column(justify="right", min_width=9)
+        rows = _grid()
+        share = 0.0 if near is None else near / (3 * self._slow)
+        shown = Text("none in sight" if near is None else f"{near:.3f} m", style=f"bold {colour}")
+        rows.add_row("clearance", Text(bar(share), style=colour), shown)
+        rows.add_row("speed left", Text(bar(trace.scale), style=colour), Text(f"{100 * trace.scale:.0f} %"))
+        joints = _grid()
         for j, name in enumerate(self._machine.joint_names):
-            rate = float(trace.allowed[j])
+            rate = float(trace.allowed[j]) + 0.0
             most = float(max(self._machine.speed_positive[j], self._machine.speed_negative[j]))
-            shown = f"{rate * 1000:+.0f} mm/s" if self._machine.prismatic[j] else f"{math.degrees(rate):+.1f} °/s"
-            joints.add_row(name, Text(centred_bar(rate / most), style="cyan"), shown)
-        title = f"{progress.t_s:6.2f} s · {progress.words} ({progress.step + 1} of {progress.steps})"
-        return Panel(
-            Group(head, Text(), joints), title=title, title_align="left", width=min(110, self._live.console.width)
+            speed = f"{rate * 1000:+.0f} mm/s" if self._machine.prismatic[j] else f"{math.degrees(rate):+.1f} °/s"
+            share = math.copysign(math.sqrt(abs(rate) / most), rate)  # so that creeping still shows
+            joints.add_row(Text(name), Text(centred_bar(share), style="cyan"), Text(speed))
+        said = "" if near is None else f"{progress.link} to {progress.limit}"
+        why = trace.reasons[0].text if trace.reasons else ""
+        title = Text(f"{progress.t_s:6.2f} s · {progress.words} ({progress.step + 1} of {progress.steps})")
+        lines = (
+            Text(said, style="dim", overflow="ellipsis", no_wrap=True),
+            Text(why, overflow="ellipsis", no_wrap=True),
         )
+        body = Group(rows, *lines, Text(), joints)
+        return Panel(body, title=title, title_align="left", width=min(84, self._live.console.width))
+
+
+def _grid() -> Table:
+    """Return an empty grid of name, bar and number."""
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(style="dim", justify="right", min_width=10)
+    grid.add_column(no_wrap=True)
+    grid.add_column(justify="right", min_width=9)
+    return grid
 
 
 def plain_bar(console: Console) -> tuple[ProgressBar, Callable[[Progress], None]]:

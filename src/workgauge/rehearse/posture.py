@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from scipy.stats import qmc
 
 from workgauge.machine.model import MachineModel
 from workgauge.proximity.scene import Scene
@@ -18,14 +17,20 @@ WAY_CLEAR_M = 0.85
 #: Places looked at on the cab's way to the target.
 ON_THE_WAY = 6
 
-#: Postures tried; a power of two, so that they fill the joints' ranges evenly.
+#: Postures tried.
 TRIED = 512
 
+#: One prime for each varied joint.
+PRIMES = (2, 3, 5)
+
 #: Arm joints that are varied: those after the first, as many as this.
-VARIED = 3
+VARIED = len(PRIMES)
 
 #: Starting turned away from the target by this gives the cab something to turn [rad].
 TURNED = (math.radians(50.0), math.radians(-50.0))
+
+#: Where a target is too near to be pointed at, the arm starts turned away from it by one of these [rad].
+TURNED_AWAY = tuple(math.radians(angle) for angle in (60.0, -60.0, 90.0, -90.0, 135.0, -135.0, 180.0))
 
 
 def clearances(scene: Scene, q: Floats, T_site_machine: Floats, radius_m: float) -> tuple[float, float]:
@@ -63,8 +68,21 @@ def start_posture(scene: Scene, T_site_machine: Floats, target: Floats | None) -
                 way = [_turned(machine, arm, s) for s in np.linspace(swing, bearing, 1 + ON_THE_WAY)]
                 if all(_clear(scene, q, T_site_machine, min(clear, WAY_CLEAR_M)) for q in way[:-1]):
                     return frozen(way[0])
-    tried = [home, *(_turned(machine, arm, bearing) for arm in arms)]
-    return frozen(max(tried, key=lambda q: min(clearances(scene, q, T_site_machine, 1.5))))
+    return _clearest(scene, T_site_machine, arms, [home[0], *(bearing + turned for turned in TURNED_AWAY)])
+
+
+def _clearest(scene: Scene, T_site_machine: Floats, arms: Floats, swings: list[float]) -> Floats:
+    """Return the first posture that is clear where it stands, whatever lies on its way, or the clearest of all."""
+    best, least = arms[0], -math.inf
+    for arm in arms:
+        for swing in swings:
+            q = _turned(scene.machine, arm, swing)
+            left = min(clearances(scene, q, T_site_machine, 1.5))
+            if left > least:
+                best, least = q, left
+            if left >= WAY_CLEAR_M:
+                return frozen(q)
+    return frozen(best)
 
 
 def _clear(scene: Scene, q: Floats, T_site_machine: Floats, clear: float) -> bool:
@@ -79,13 +97,24 @@ def _arms(machine: MachineModel) -> Floats:
     if not len(varied):
         return home[None]
     low, high = machine.sample_min[varied], machine.sample_max[varied]
-    drawn = qmc.Sobol(len(varied), scramble=False).random(TRIED)
+    drawn = spread_evenly(TRIED, len(varied))
     arms = np.tile(home, (TRIED, 1))
     arms[:, varied] = low + (0.05 + 0.9 * drawn) * (high - low)
     unlike = np.linalg.norm((arms[:, varied] - home[varied]) / (high - low), axis=1)
     tools = np.array([machine.tool_pose(machine.forward(q))[2, 3] for q in arms])
     unlike += np.abs(tools - tools_at_work(machine)) / 2.0
     return np.concatenate([home[None], arms[np.argsort(unlike, kind="stable")]])
+
+
+def spread_evenly(count: int, dimensions: int) -> Floats:
+    """Return the first points (count, dimensions) of Halton's sequence in the unit cube, without the origin."""
+    out = np.zeros((count, dimensions))
+    for j, base in enumerate(PRIMES[:dimensions]):
+        left, weight = np.arange(1, count + 1), 1.0 / base
+        while left.any():
+            out[:, j] += weight * (left % base)
+            left, weight = left // base, weight / base
+    return out
 
 
 def tools_at_work(machine: MachineModel) -> float:

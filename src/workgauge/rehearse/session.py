@@ -36,6 +36,9 @@ from workgauge.values.errors import ScenarioError
 from workgauge.values.measurements import DriveMode, Intent, Levers, MachinePose, Posture, Stamp, ToolLine
 from workgauge.wire.messages import decode
 
+#: The shipped site, and the rule book it is built to.
+SHIPPED_SITE, SHIPPED_SITE_RULES = "double_track", "finland"
+
 #: Truth checks per tick.
 SUBSTEPS = 2
 
@@ -73,9 +76,11 @@ class Session:
     Args:
         site: a read site, one or several site files, or the name of a shipped site.
         machine: a machine model, a description file, or the name of a shipped machine.
-        rules: a rule book, a file, or the name of a shipped one.
+        rules: a rule book, a file, or the name of a shipped one; left out, `finland` for the shipped site, which is
+            built to it, and `generic` for any other.
         guard: a guard, or the name of one; `guard_parameters` are its keywords then.
-        at: (east [m], north [m], heading [°] clockwise from grid north), or `OnTrack`, or `OnGround`.
+        at: (east [m], north [m], heading [°] clockwise from grid north), or `OnTrack`, or `OnGround`; left out, the
+            middle of the first alignment.
         posture: joint name to position [rad, m]; joints not named keep the machine's home. None for home, or, if the
             arm would be in the way there, for a posture like it that is clear of the nearest pole.
         attachment: the attachment to mount, if the machine is loaded here.
@@ -88,9 +93,9 @@ class Session:
 
     def __init__(
         self,
-        site: SiteModel | str | Path | Sequence[str | Path] = "double_track",
+        site: SiteModel | str | Path | Sequence[str | Path] = SHIPPED_SITE,
         machine: MachineModel | str | Path = "rre20",
-        rules: RuleBook | str | Path = "generic",
+        rules: RuleBook | str | Path | None = None,
         guard: Guard | str = "linear",
         at: tuple[float, float, float] | OnTrack | OnGround | None = None,
         *,
@@ -102,6 +107,8 @@ class Session:
     ) -> None:
         self.site = site if isinstance(site, SiteModel) else read_site(_site_files(site), epsg=epsg)
         self.machine = machine if isinstance(machine, MachineModel) else load_machine(machine, attachment)
+        if rules is None:
+            rules = SHIPPED_SITE_RULES if site == SHIPPED_SITE else "generic"
         self.rules = rules if isinstance(rules, RuleBook) else load_rule_book(rules)
         self.guard = _guard(guard, guard_parameters or {}) if isinstance(guard, str) else guard
         self.tick_s = tick_s
