@@ -5,6 +5,7 @@ point at profile height.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -14,6 +15,9 @@ from workgauge.gauge.envelope import QuasiStatic, cant_angle, required_half_widt
 from workgauge.gauge.trackline import LineState
 from workgauge.gauge.widening import TrackWidening
 from workgauge.values.arrays import Floats
+
+#: A corner that turns by more than this is bevelled [rad].
+SHARP = math.radians(100.0)
 
 
 class Section(Protocol):
@@ -26,7 +30,7 @@ class Section(Protocol):
     def edges(self, state: LineState) -> tuple[Floats, Floats]:
         """Return (normals (m, k, 2), corners (m, k, 2)) of a convex polygon that fits the section at each place.
 
-        Counter-clockwise; edge i runs from corner i to corner i + 1, and every edge has a length.
+        Counter-clockwise; edge i runs from corner i to i + 1; an edge that bevels a sharp corner has no length.
         """
         ...
 
@@ -102,7 +106,9 @@ class EnvelopeSection:
         tilt = self._slopes(state)[:, :, None] * (h - h[0])
         width = required_half_width(self.half_widths[chosen], side[:, :, None], tilt, self.margin)
         polygon = self._turned(width, h, state)
-        return edge_normals(polygon), polygon
+        b = self.half_widths[chosen]
+        plain = np.stack([np.concatenate([b, -b[::-1]]), np.concatenate([h, h[::-1]])], axis=-1)
+        return _bevelled(polygon, _sharp_corners(plain))
 
     def _sides(self, state: LineState) -> Floats:
         if self.widening is None:
@@ -167,6 +173,26 @@ def edge_normals(polygon: Floats) -> Floats:
     along = np.roll(polygon, -1, axis=1) - polygon
     normals = np.stack([along[..., 1], -along[..., 0]], axis=-1)
     return np.asarray(normals / np.linalg.norm(normals, axis=-1, keepdims=True))
+
+
+def _sharp_corners(polygon: Floats) -> list[int]:
+    """Return the corners of a counter-clockwise polygon (k, 2) that turn by more than SHARP."""
+    normals = edge_normals(polygon[None])[0]
+    turns = np.arccos(np.clip(np.sum(np.roll(normals, 1, axis=0) * normals, axis=1), -1.0, 1.0))
+    return [int(i) for i in np.flatnonzero(turns > SHARP)]
+
+
+def _bevelled(polygons: Floats, sharp: Sequence[int]) -> tuple[Floats, Floats]:
+    """Return (normals, corners) of polygons (m, k, 2) with an edge of no length across each sharp corner.
+
+    Sides moved outwards meet far beyond a sharp corner; the edge across it keeps them from that.
+    """
+    normals = edge_normals(polygons)
+    if not sharp:
+        return normals, polygons
+    across = np.roll(normals, 1, axis=1)[:, sharp] + normals[:, sharp]
+    across /= np.linalg.norm(across, axis=-1, keepdims=True)
+    return np.insert(normals, sharp, across, axis=1), np.insert(polygons, sharp, polygons[:, sharp], axis=1)
 
 
 def convex_pieces(half_widths: Floats, heights: Floats, tolerance: float) -> list[tuple[int, int, tuple[int, ...]]]:
