@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from workgauge.app.cli import app
-from workgauge.rehearse.scenario import shipped_path
+from workgauge.rehearse.shipped import shipped_path
 
 E0, N0 = 25_500_000, 6_700_000
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from workgauge.rehearse.scenario import shipped_path
+from workgauge.rehearse.shipped import shipped_path
 
 BOMB = (
     '<?xml version="1.0"?>\n<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa">'

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from workgauge.app.live import LiveView, bar, centred_bar
 from workgauge.rehearse.run import Progress, open_session, run_session
-from workgauge.rehearse.scenario import load_scenario
+from workgauge.rehearse.scenario_file import load_scenario
 
 SHORT = """\
 title: Short

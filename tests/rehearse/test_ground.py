@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from workgauge.gauge.rulebook import load_rule_book
 from workgauge.machine.load import load_machine
 from workgauge.rehearse.ground import footprint_grid, ground_heights, plane_under
-from workgauge.rehearse.scenario import OnGround, OnTrack, shipped_site_files
+from workgauge.rehearse.scenario import OnGround, OnTrack
+from workgauge.rehearse.shipped import shipped_site_files
 from workgauge.rehearse.start import on_ground, stand
 from workgauge.site.model import SiteModel, SurfaceModel
 from workgauge.site.read import read_site

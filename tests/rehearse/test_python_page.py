@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from workgauge.rehearse.scenario import shipped_path
+from workgauge.rehearse.shipped import shipped_path
 
 PAGE = Path(__file__).parents[2] / "docs" / "python.md"
 

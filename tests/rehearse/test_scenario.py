@@ -8,7 +8,9 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from workgauge.rehearse.scenario import Scenario, json_schema, load_scenario, shipped_names
+from workgauge.rehearse.scenario import Scenario, json_schema
+from workgauge.rehearse.scenario_file import load_scenario
+from workgauge.rehearse.shipped import shipped_names
 from workgauge.values.errors import ScenarioError
 
 GOOD = """\

@@ -13,7 +13,8 @@ from workgauge.guard.api import GuardInput, GuardResult, Memory
 from workgauge.machine.load import load_machine
 from workgauge.rehearse.result import RunResult
 from workgauge.rehearse.run import default_drive, open_session, run_scenario, run_session
-from workgauge.rehearse.scenario import OnTrack, load_scenario
+from workgauge.rehearse.scenario import OnTrack
+from workgauge.rehearse.scenario_file import load_scenario
 from workgauge.rehearse.truth import GeometricTruth
 from workgauge.site.model import PointFeature, SiteModel, SurfaceModel
 from workgauge.values.arrays import Floats, frozen, frozen_ints

@@ -13,7 +13,8 @@ from workgauge.app.output import facts, input_errors_exit_2, print_json, stderr,
 from workgauge.app.site_commands import Epsg, Json
 from workgauge.rehearse.result import RunResult
 from workgauge.rehearse.run import Progress, default_drive, drive_at_anything, open_session, run_session
-from workgauge.rehearse.scenario import Step, load_scenario
+from workgauge.rehearse.scenario import Step
+from workgauge.rehearse.scenario_file import load_scenario
 from workgauge.rehearse.session import Session
 from workgauge.report.page import write_report
 from workgauge.report.verdict import details, headline, metres

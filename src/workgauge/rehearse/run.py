@@ -10,7 +10,8 @@ import numpy as np
 from workgauge.rehearse.interventions import InterventionLog
 from workgauge.rehearse.operator import Operator, View
 from workgauge.rehearse.result import RunResult, Series, Snapshot, TickTimes
-from workgauge.rehearse.scenario import DriveBack, DriveLine, Hold, LoadedScenario, Step, Swing, Target
+from workgauge.rehearse.scenario import DriveBack, DriveLine, Hold, Step, Swing, Target
+from workgauge.rehearse.scenario_file import LoadedScenario
 from workgauge.rehearse.session import SUBSTEPS, Session, StepResult
 from workgauge.rehearse.targets import Targets, solid_points
 from workgauge.rehearse.truth import Reading

@@ -24,7 +24,8 @@ from workgauge.machine.model import MachineModel
 from workgauge.proximity.scene import Scene
 from workgauge.rehearse.posture import start_posture
 from workgauge.rehearse.result import Snapshot
-from workgauge.rehearse.scenario import OnGround, OnTrack, shipped_names, shipped_site_files
+from workgauge.rehearse.scenario import OnGround, OnTrack
+from workgauge.rehearse.shipped import shipped_names, shipped_site_files
 from workgauge.rehearse.start import stand
 from workgauge.rehearse.targets import nearest_point
 from workgauge.rehearse.truth import GeometricTruth, Reading, snapshot

@@ -1,0 +1,125 @@
+"""Reading scenario files: YAML with line numbers, checked, every path in it made absolute."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from workgauge.rehearse.scenario import GuardChoice, Scenario
+from workgauge.rehearse.shipped import shipped_names, shipped_path, shipped_site_files
+from workgauge.values.errors import ScenarioError
+
+#: A scenario is a page of text; anything larger is not one.
+MAX_BYTES = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedScenario:
+    """A scenario with its file and every path in it made absolute."""
+
+    scenario: Scenario
+    file: Path
+    site_files: tuple[Path, ...]
+    machine: str | Path
+    rules: str | Path
+
+    def with_guard(self, guard: GuardChoice) -> "LoadedScenario":
+        """Return the same scenario under another guard."""
+        return replace(self, scenario=self.scenario.model_copy(update={"guard": guard}))
+
+
+def load_scenario(name_or_path: str | Path) -> LoadedScenario:
+    """Read and check a scenario: a file, or a shipped one by name.
+
+    Raises:
+        ScenarioError: if it does not exist, is not valid, or names a file that does not exist.
+    """
+    path = Path(name_or_path)
+    if not path.is_file() and str(name_or_path) in shipped_names("scenarios"):
+        path = shipped_path("scenarios", f"{name_or_path}.yaml")
+    if not path.is_file():
+        raise ScenarioError(
+            "no such scenario", value=str(name_or_path), allowed="a file, or " + ", ".join(shipped_names("scenarios"))
+        )
+    scenario, lines = _parse(path)
+    base = path.resolve().parent
+
+    def beside(text: str, key: str) -> Path:
+        candidate = base / text
+        if not candidate.is_file():
+            raise ScenarioError(
+                "names a file that does not exist", file=path, line=lines.get(key), element=key, value=text
+            )
+        return candidate
+
+    def choice(text: str, key: str) -> str | Path:
+        return beside(text, key) if Path(text).suffix else text
+
+    if scenario.site.shipped is not None:
+        site_files = shipped_site_files(scenario.site.shipped)
+    else:
+        site_files = tuple(beside(text, f"site.files.{i}") for i, text in enumerate(scenario.site.files or ()))
+    return LoadedScenario(
+        scenario, path, site_files, choice(scenario.machine, "machine"), choice(scenario.rules, "rules")
+    )
+
+
+def _parse(path: Path) -> tuple[Scenario, dict[str, int]]:
+    """Return the scenario and the line of every key and item, by dotted name."""
+    try:
+        raw = path.read_bytes()
+        if len(raw) > MAX_BYTES:
+            raise ScenarioError("is too large for a scenario", file=path, allowed=f"at most {MAX_BYTES} bytes")
+        text = raw.decode("utf-8-sig")
+        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, Loader=yaml.SafeLoader)):
+            raise ScenarioError("YAML aliases have no use in a scenario", file=path)
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        lines = dict(_lines(node, (), path))
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        problem = getattr(error, "problem", None) or "cannot be read"
+        line = None if mark is None else mark.line + 1
+        raise ScenarioError(f"is not valid YAML: {problem}", file=path, line=line) from error
+    except (OSError, ValueError, RecursionError) as error:
+        raise ScenarioError("cannot be read as YAML", file=path, value=error) from error
+    try:
+        return Scenario.model_validate(data), lines
+    except ValidationError as error:
+        raise _translated(error, path, lines) from error
+
+
+def _lines(node: Any, at: tuple[str, ...], path: Path) -> Iterable[tuple[str, int]]:
+    """Yield (dotted name, line counted from 1) of every key and item; a key given twice is refused."""
+    if isinstance(node, yaml.MappingNode):
+        pairs = [(str(key.value), key, value) for key, value in node.value]
+    elif isinstance(node, yaml.SequenceNode):
+        pairs = [(str(i), value, value) for i, value in enumerate(node.value)]
+    else:
+        return
+    seen: set[str] = set()
+    for name, key, value in pairs:
+        here = (*at, name)
+        if name in seen:
+            raise ScenarioError("key given twice", file=path, line=key.start_mark.line + 1, element=".".join(here))
+        seen.add(name)
+        yield ".".join(here), key.start_mark.line + 1
+        yield from _lines(value, here, path)
+
+
+def _translated(error: ValidationError, path: Path, lines: dict[str, int]) -> ScenarioError:
+    """Return the first of pydantic's complaints as one of ours."""
+    first = error.errors(include_url=False)[0]
+    # A step's tag (`hold`, `tool_line`) stands in pydantic's place but not in the file.
+    parts = [str(part) for part in first["loc"]]
+    if len(parts) > 2 and parts[0] == "drive":
+        parts.pop(2)
+    element = ".".join(parts)
+    line = next((lines[".".join(parts[:k])] for k in range(len(parts), 0, -1) if ".".join(parts[:k]) in lines), None)
+    value = first["input"]
+    shown = value if isinstance(value, str | int | float | bool) else None
+    message = "unknown key" if first["type"] == "extra_forbidden" else first["msg"].removeprefix("Value error, ")
+    return ScenarioError(message, file=path, line=line, element=element or None, value=shown)
