@@ -34,7 +34,8 @@ from workgauge.loop.tick import tick
 from workgauge.machine.load import load_machine
 from workgauge.proximity.scene import Scene
 from workgauge.rehearse.posture import start_posture
-from workgauge.rehearse.scenario import OnTrack, shipped_site_files
+from workgauge.rehearse.scenario import OnTrack
+from workgauge.rehearse.shipped import shipped_site_files
 from workgauge.rehearse.start import stand
 from workgauge.sim.kinematic import KinematicPlant
 from workgauge.site.read import read_site
