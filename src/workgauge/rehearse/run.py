@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 
 import numpy as np
 
+from workgauge.guard.api import Guard
 from workgauge.rehearse.interventions import InterventionLog
 from workgauge.rehearse.operator import Operator, View
 from workgauge.rehearse.result import RunResult, Series, Snapshot, TickTimes
@@ -288,11 +289,17 @@ def _facts(session: Session) -> dict[str, str]:
         "coordinates": "none stated" if crs is None else f"{crs.name} (EPSG {crs.epsg})",
         "machine": f"{machine.title} ({machine.name}), {machine.attachment}",
         "rules": f"{session.rules.title} ({session.rules.name})",
-        "guard": session.guard.name,
+        "guard": _guard_words(session.guard),
         "stands": session.stand.words,
         "own track, let off": "none" if own is None else own.strip(),
         "limits": str(len(session.limits)),
     }
+
+
+def _guard_words(guard: Guard) -> str:
+    """Return a guard's name and parameters."""
+    given = {field.name: getattr(guard, field.name) for field in fields(guard)} if is_dataclass(guard) else {}
+    return ", ".join([guard.name, *(f"{name} {value}" for name, value in given.items())])
 
 
 def _assumptions(session: Session) -> tuple[str, ...]:
