@@ -4,10 +4,10 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from workgauge.guard.api import Guard
 from workgauge.rehearse.interventions import InterventionLog
 from workgauge.rehearse.operator import Operator, View
 from workgauge.rehearse.result import RunResult, Series, Snapshot, TickTimes
@@ -296,10 +296,10 @@ def _facts(session: Session) -> dict[str, str]:
     }
 
 
-def _guard_words(guard: Guard) -> str:
-    """Return a guard's name and parameters."""
-    given = {field.name: getattr(guard, field.name) for field in fields(guard)} if is_dataclass(guard) else {}
-    return ", ".join([guard.name, *(f"{name} {value}" for name, value in given.items())])
+def _guard_words(guard: Any) -> str:
+    """Return a guard's name and, if it has any, its parameters."""
+    names = [field.name for field in fields(guard)] if is_dataclass(guard) else []
+    return ", ".join([guard.name, *(f"{name} {getattr(guard, name)}" for name in names)])
 
 
 def _assumptions(session: Session) -> tuple[str, ...]:
