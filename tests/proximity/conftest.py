@@ -25,7 +25,9 @@ class FreeBoxes:
 
     def __post_init__(self):
         object.__setattr__(self, "link_names", tuple(f"link{i}" for i in range(self.count)))
-        solids = (SimpleNamespace(link=i, name=f"s{i}", half_extents=(1.0, 1.0, 1.0)) for i in range(self.count))
+        solids = (
+            SimpleNamespace(link=i, name=f"s{i}", half_extents=(1, 1, 1), stretch=True) for i in range(self.count)
+        )
         object.__setattr__(self, "solids", tuple(solids))
 
     def solid_poses(self, kin):

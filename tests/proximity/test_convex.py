@@ -48,8 +48,8 @@ def gap_along(normal, first, second):
 
 
 def slack(distance):
-    """Between 0.001 and 0.01 mm of touching the distance is still exact, the direction good to 0.1 mrad."""
-    return ACCURACY_M if abs(distance) > 1e-5 else 1e-3
+    """The distance is exact; the direction between nearly parallel faces good to 0.01 mrad, 0.1 mrad at contact."""
+    return 5e-5 if abs(distance) > 1e-5 else 1e-3
 
 
 @given(box_pairs(), turns)
@@ -100,7 +100,7 @@ def test_the_normal_is_a_subgradient_inside_and_outside(make, pair, seed, step):
     second = make.box(other_turn, (0, 0, 0), other_half)
     [here] = make.ask([second], [make.box(turn, shift, half)])
     [there] = make.ask([second], [make.box(turn, shift + move, half)])
-    error = 2 * ACCURACY_M if abs(here.distance_m) > 1e-5 else 1e-3 * step + 2 * ACCURACY_M
+    error = 2 * ACCURACY_M + step * (1e-5 if abs(here.distance_m) > 1e-5 else 1e-3)
     assert there.distance_m >= here.distance_m + here.normal @ move - error
     assert abs(there.distance_m - here.distance_m) <= step + 2 * ACCURACY_M
 

@@ -63,13 +63,14 @@ class Scene:
         self._indices: list[int] = self._cells.cells.tolist()
         self._links = [solid.link for solid in machine.solids]
         self._link_of = frozen_ints(self._links)
-        self._rest_halves = frozen([solid.half_extents for solid in machine.solids])
-        self._rest_shapes = box_shapes(self._rest_halves)
+        self._stretching = any(solid.stretch is not None for solid in machine.solids)
+        self._rest_shapes = box_shapes(frozen([solid.half_extents for solid in machine.solids]))
         names = [machine.link_names[link] for link in self._links]
         patterns = {limit.exempt_links for limit in self.limits}
         self._exempt = {links: np.array([name in links for name in names], dtype=np.bool_) for links in patterns}
         self._exempting = np.array([bool(self._exempt[limit.exempt_links].any()) for limit in self.limits], np.bool_)
         self._conditional = np.array([limit.activity != _ALWAYS for limit in self.limits], dtype=np.bool_)
+        self._some_exempting, self._some_conditional = bool(self._exempting.any()), bool(self._conditional.any())
         self._protections = frozen(
             [*(sigmas * limit.tolerance_m for limit in self.limits), *(0.0 for _ in machine.link_names)]
         )
@@ -121,9 +122,7 @@ class Scene:
 
     def _placed(self, boxes: OrientedBoxes) -> list[Placed]:
         """Return the machine's solids at their poses; only boxes that stretch need a shape of their own."""
-        shapes = self._rest_shapes
-        if (boxes.halves != self._rest_halves).any():
-            shapes = box_shapes(boxes.halves)
+        shapes = box_shapes(boxes.halves) if self._stretching else self._rest_shapes
         return [(shape, transform(R, t)) for shape, R, t in zip(shapes, boxes.axes, boxes.centres, strict=True)]
 
     def _near_cells(
@@ -139,14 +138,13 @@ class Scene:
         """Return (solid, cell) pairs that may be near and lower bounds, without inactive and exempt ones."""
         cells = self._cells.near_plan(low, high)
         limits = self._cells.limits.take(cells)
-        conditional = self._conditional.take(limits)
-        if conditional.any():
+        if self._some_conditional and (conditional := self._conditional.take(limits)).any():
             active = {i: self.limits[i].activity.active(now_ns, off_states) for i in limits[conditional].tolist()}
             kept = np.array([active.get(i, True) for i in limits.tolist()], dtype=np.bool_)
             cells, limits = cells[kept], limits[kept]
         gaps = box_gaps(lows, highs, self._cells.lows.take(cells, axis=0), self._cells.highs.take(cells, axis=0))
         close = gaps < radius_m + _SLACK_M
-        for k in np.flatnonzero(self._exempting.take(limits)).tolist():
+        for k in np.flatnonzero(self._exempting.take(limits)).tolist() if self._some_exempting else ():
             close[self._exempt[self.limits[limits[k]].exempt_links], k] = False
         solids, which = close.nonzero()
         return solids, cells.take(which), gaps[solids, which]
@@ -162,19 +160,15 @@ class Scene:
         radius_m: float,
         result: Any,
     ) -> None:
-        """Measure pairs from the nearest bound on, until no cell of the same limit can be nearer."""
+        """Measure pairs; if there are many, from the nearest bound on, until no cell of the limit can be nearer."""
+        limits = self._cells.limits.take(cells)
         if len(cells) > _MANY_PAIRS:
             bounds = oriented_gaps(boxes, solids, self._cells.boxes, cells)
-        limits = self._cells.limits.take(cells)
-        order = np.lexsort((cells, bounds, limits, solids))
-        order = order[bounds.take(order) < radius_m + _SLACK_M]
-        pairs = zip(
-            solids.take(order).tolist(),
-            limits.take(order).tolist(),
-            cells.take(order).tolist(),
-            bounds.take(order).tolist(),
-            strict=True,
-        )
+            order = np.lexsort((cells, bounds, limits, solids))
+            order = order[bounds.take(order) < radius_m + _SLACK_M]
+            solids, limits, cells = solids.take(order), limits.take(order), cells.take(order)
+            bounds = bounds.take(order)
+        pairs = zip(solids.tolist(), limits.tolist(), cells.tolist(), bounds.tolist(), strict=True)
         solid = limit = -1
         touching_m, best = 0.0, radius_m
         touched: list[int] = []
@@ -248,15 +242,24 @@ class Scene:
 
     def _clearances(self, rows: list[_Row], radius_m: float) -> Clearances:
         rows.sort(key=_ORDER)
-        keys = np.array([row[:4] for row in rows], dtype=np.int64).reshape(-1, 4)
-        distances = np.array([row[4] for row in rows])
-        normals, points_machine = np.array([row[5:] for row in rows]).reshape(-1, 2, 3).transpose(1, 0, 2)
+        if not rows:
+            return self._nothing(radius_m)
+        solid_column, limit_column, cell_column, other_column, distance_column, *vector_columns = zip(
+            *rows, strict=True
+        )
+        solids, limits, cells, others = np.array((solid_column, limit_column, cell_column, other_column))
+        distances = np.array(distance_column)
+        normals, points_machine = np.concatenate([*vector_columns[0], *vector_columns[1]]).reshape(2, -1, 3)
         points_limit = points_machine - distances[:, None] * normals
-        solids, limits, cells, others = keys.T
         links = self._link_of.take(solids)
-        cells = np.where(others >= 0, -1, cells)
+        cells[others >= 0] = -1
         protections, stops = self._protections.take(limits), self._stop_distances.take(limits)
         columns = (distances, normals, points_machine, points_limit, links, others, limits, cells, protections, stops)
         for column in columns:
             column.setflags(write=False)
         return Clearances(*columns, self.machine.link_names, self.limit_ids, radius_m)
+
+    def _nothing(self, radius_m: float) -> Clearances:
+        none, no_vectors, no_indices = frozen([]), frozen(np.empty((0, 3))), frozen_ints([])
+        vectors, indices = (no_vectors,) * 3, (no_indices,) * 4
+        return Clearances(none, *vectors, *indices, none, none, self.machine.link_names, self.limit_ids, radius_m)
