@@ -28,7 +28,7 @@ def test_site_has_exactly_the_documented_keys(cli, shipped: Path) -> None:
     (surface,) = data["surfaces"]
     assert list(surface) == ["name", "points", "faces", "plan_area_m2"]
     assert (surface["points"], surface["faces"]) == (3025, 5760)
-    assert data["points"] == 50
+    assert data["points"] == 74
 
 
 def test_site_without_anything_has_the_same_keys(cli, write) -> None:
@@ -55,7 +55,13 @@ def test_at_has_exactly_the_documented_keys(cli, shipped: Path) -> None:
         "low_rail",
         "station",
         "distance_m",
+        "convergence_deg",
+        "point_scale",
     ]
+    latitude, west_m = math.radians(60.54), 500_000 - 487_285  # by hand: longitude times the sine of latitude
+    by_hand = -math.degrees(west_m / 6_394_400 * math.tan(latitude))
+    assert data["convergence_deg"] == pytest.approx(by_hand, abs=2e-4)
+    assert data["point_scale"] == pytest.approx(1 + (12_715 / 6_380_000) ** 2 / 2, abs=1e-8)
     assert data["e"] == pytest.approx(25487284.745, abs=2e-3)
     assert data["n"] == pytest.approx(6714592.330, abs=2e-3)
     assert data["z"] == pytest.approx(80.133, abs=1e-3)
@@ -112,3 +118,17 @@ def test_version_and_schemas(cli) -> None:
     for of, key in (("rules", "rules"), ("machine", "joints"), ("scenario", "drive")):
         assert key in cli.workgauge("schema", of).data["properties"]
     assert cli.workgauge("schema", "nothing").code == 2
+
+
+def test_without_a_coordinate_system_convergence_is_unknown(cli, write) -> None:
+    path = write(cli.document(cli.alignment(cli.STRAIGHT), crs=""))
+    data = cli.workgauge("at", path, "--distance", 1, "--json").data
+    assert (data["convergence_deg"], data["point_scale"]) == (None, None)
+
+
+@pytest.mark.parametrize("offset", ["inf", "-inf", "nan", "1e400"])
+def test_an_offset_that_is_no_number_is_refused(cli, shipped: Path, offset: str) -> None:
+    answer = cli.workgauge(
+        "at", shipped / "tracks.xml", "--alignment", "Track 1", "--distance=5", f"--offset={offset}"
+    )
+    cli.refused(answer, "--offset", "finite")

@@ -1,8 +1,10 @@
 """Sessions: what a run shows is true, repeatable, and an entry is noticed when the guard is asleep."""
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from workgauge.rehearse.result import RunResult
 from workgauge.rehearse.run import default_drive, open_session, run_scenario, run_session
 from workgauge.rehearse.scenario import OnTrack
 from workgauge.rehearse.scenario_file import load_scenario
+from workgauge.rehearse.shipped import shipped_path
 from workgauge.rehearse.truth import GeometricTruth
 from workgauge.site.model import PointFeature, SiteModel, SurfaceModel
 from workgauge.values.arrays import Floats, frozen, frozen_ints
@@ -267,3 +270,24 @@ def test_a_limit_that_becomes_active_over_the_machine_is_no_entry_until_it_goes_
     truth.check(1_500_000_000, away, T)
     (entry,) = truth.entries()
     assert (entry.limit, entry.start_s, entry.end_s) == ("zone:late", pytest.approx(1.3), pytest.approx(1.4))
+
+
+def test_a_machine_may_have_a_long_name() -> None:
+    machine = replace(load_machine("rre20"), name="päällirakennekone, number 4711 of the northern yard")
+    session = Session(site=field(), machine=machine, at=(E0, N0, 0.0))
+    session.step(session.intent(enable=False))
+    session.step(session.intent())
+    assert any(session.step(session.intent(levers=Levers(left_x=-1.0))).trace.valves)
+
+
+def test_a_limit_with_a_long_stop_distance_is_seen_in_time(tmp_path: Path) -> None:
+    text = shipped_path("rules", "generic.yaml").read_text(encoding="utf-8")
+    changed = re.sub(r"(make: cylinder\n)( +)", r"\1\2stop_distance_m: 9.0\n\2", text)
+    assert changed != text
+    rules = tmp_path / "far.yaml"
+    rules.write_text(changed, encoding="utf-8")
+    session = Session(site=field(0.0, 14.0), rules=rules, at=(E0, N0, 0.0), posture={"swing": 1.4})
+    session.step(session.intent(enable=False))
+    session.step(session.intent())
+    said = [session.step(session.intent(levers=Levers(left_x=1.0))).trace.reasons for _ in range(300)]
+    assert ReasonCode.LIMIT_REACHED in {reason.code for reasons in said for reason in reasons if reason.limit}

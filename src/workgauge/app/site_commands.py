@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from workgauge.app.output import facts, input_errors_exit_2, print_json, stdout, table, warn
+from workgauge.geodesy.crs import ProjectedCrs
 from workgauge.site.alignment import Alignment
 from workgauge.site.model import SiteModel
 from workgauge.site.read import read_site
@@ -144,17 +145,25 @@ def choose_alignment(site: SiteModel, name: str | None) -> Alignment:
     return close[0]
 
 
-def place_object(alignment: Alignment, distance: float, offset: float) -> dict[str, Any]:
+def place_object(alignment: Alignment, distance: float, offset: float, crs: ProjectedCrs | None) -> dict[str, Any]:
     """Return the documented object of `workgauge at --json`.
 
     The offset moves the place square to the left of the alignment in plan; the height is the axis's own.
+
+    Raises:
+        SiteError: if the distance lies beyond the alignment, or the offset is not a finite number.
     """
+    if not math.isfinite(offset):
+        raise SiteError("the offset must be a finite number", element="--offset", value=offset, allowed="metres")
     state = alignment.at([distance])
     heading, cant, z = float(state.heading[0]), float(state.cant[0]), float(state.z[0])
     station = float(alignment.station(distance)[0])
+    ((e, n),) = state.offset_points(offset).tolist()
+    convergence = math.nan if crs is None else math.degrees(float(crs.convergence(e, n)))
+    scale = math.nan if crs is None else float(crs.point_scale(e, n))
     return {
-        "e": round(float(state.e[0]) - offset * math.cos(heading), 6),
-        "n": round(float(state.n[0]) + offset * math.sin(heading), 6),
+        "e": round(e, 6),
+        "n": round(n, 6),
         "z": None if math.isnan(z) else round(z, 6),
         "heading_deg": round(math.degrees(heading) % 360.0, 9) % 360.0,
         "curvature_1_per_m": float(state.curvature[0]),
@@ -162,6 +171,8 @@ def place_object(alignment: Alignment, distance: float, offset: float) -> dict[s
         "low_rail": None if not alignment.has_cant or cant == 0 else "left" if cant > 0 else "right",
         "station": None if math.isnan(station) else round(station, 6),
         "distance_m": round(distance, 6),
+        "convergence_deg": round(convergence, 9) if math.isfinite(convergence) else None,
+        "point_scale": round(scale, 9) if math.isfinite(scale) else None,
     }
 
 
@@ -185,7 +196,7 @@ def at_command(
     site = read_site(files, epsg=epsg)
     chosen = choose_alignment(site, alignment)
     along = chosen.distance_of_station(station) if station is not None else float(distance or 0.0)
-    data = place_object(chosen, float(along), offset)
+    data = place_object(chosen, float(along), offset, site.crs)
     if as_json:
         print_json(data)
         return
@@ -197,10 +208,11 @@ def at_command(
         "curvature_1_per_m": "1/m",
         "cant_m": "m",
         "station": "m",
+        "distance_m": "m",
+        "convergence_deg": "°",
     }
     rows = [
-        (key, "none in the file" if value is None else f"{value} {units.get(key, '')}".strip())
-        for key, value in data.items()
+        (key, "unknown" if value is None else f"{value} {units.get(key, '')}".strip()) for key, value in data.items()
     ]
     stdout().print(facts(f"{chosen.name} at {along:g} m, {offset:g} m to the left", rows))
     warn(site.warnings)

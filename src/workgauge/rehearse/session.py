@@ -15,7 +15,7 @@ from workgauge.gauge.rulebook import load_rule_book
 from workgauge.gauge.rules import RuleBook
 from workgauge.guard.api import Guard
 from workgauge.guard.registry import guard_named
-from workgauge.loop.config import tick_config
+from workgauge.loop.config import search_radius_m, tick_config
 from workgauge.loop.inputs import TickInputs
 from workgauge.loop.memory import first_memory
 from workgauge.loop.tick import Trace, tick
@@ -35,7 +35,7 @@ from workgauge.site.read import read_site
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.errors import ScenarioError
 from workgauge.values.measurements import DriveMode, Intent, Levers, MachinePose, Posture, Stamp, ToolLine
-from workgauge.wire.messages import decode
+from workgauge.wire.messages import NAME_BYTES, decode
 
 #: The shipped site, and the rule book it is built to.
 SHIPPED_SITE, SHIPPED_SITE_RULES = "double_track", "finland"
@@ -122,8 +122,10 @@ class Session:
         self.limits = without_own_track(self.limit_set, self.stand.own_track)
         self.off_states: frozenset[str] = frozenset()
         self._scene = Scene(self.machine, self.limits)
+        radius_m = max(TICK_RADIUS_M, search_radius_m(self.guard, self.limits))
+        self.machine_id = self.machine.name.encode()[:NAME_BYTES].decode(errors="ignore")
         self._config = tick_config(
-            self.machine, self.guard, machine_id=self.machine.name, dt_s=tick_s, radius_m=TICK_RADIUS_M
+            self.machine, self.guard, machine_id=self.machine_id, dt_s=tick_s, radius_m=radius_m
         )
         self._memory = first_memory(self._config)
         self._now_ns = 0
@@ -136,7 +138,7 @@ class Session:
         self._readings: list[Reading] = []
         self._plant = KinematicPlant(
             self.machine,
-            machine_id=self.machine.name,
+            machine_id=self.machine_id,
             q=q,
             T_site_machine=T,
             substep_s=tick_s / SUBSTEPS,
@@ -184,7 +186,7 @@ class Session:
         line: ToolLine | None = None,
     ) -> Intent:
         """Return an operator's intent, stamped now."""
-        stamp = Stamp(self.machine.name, self._now_ns, "operator")
+        stamp = Stamp(self.machine_id, self._now_ns, "operator")
         return Intent(stamp, mode, levers or Levers(), enable, line)
 
     def step(self, intent: Intent | None = None) -> StepResult:
