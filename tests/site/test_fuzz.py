@@ -32,7 +32,9 @@ def document(tools) -> bytes:
     others = (
         '<CgPoints name="g"><CgPoint name="p" code="1">6783000 21530000 4</CgPoint></CgPoints>'
         "<PlanFeatures><PlanFeature name='f'><CoordGeom><IrregularLine><PntList2D>6783000 21530000 6783009 21530001"
-        "</PntList2D></IrregularLine></CoordGeom></PlanFeature></PlanFeatures>"
+        "</PntList2D></IrregularLine></CoordGeom></PlanFeature><PlanFeature name='l'><Location>6783000 21530000 4"
+        "</Location></PlanFeature></PlanFeatures><PipeNetworks><PipeNetwork><Structs><Struct name='s' elevRim='4'>"
+        "<Center pntRef='p'/><CircStruct diameter='0.4'/></Struct></Structs></PipeNetwork></PipeNetworks>"
     )
     elements = [w.element(e) for e in tools.track()]
     return w.document(w.alignment(*elements, attributes=' length="1180"', rest=rest), surface, others).encode()
@@ -63,7 +65,7 @@ def tried(data: bytes) -> SiteModel | InputError:
 def test_the_document_itself_is_read(document):
     site = outcome(document)
     assert isinstance(site, SiteModel)
-    assert (len(site.alignments), len(site.surfaces), len(site.points), len(site.lines)) == (1, 1, 1, 1)
+    assert (len(site.alignments), len(site.surfaces), len(site.points), len(site.lines)) == (1, 1, 3, 1)
 
 
 NASTY = (

@@ -125,3 +125,138 @@ def test_pipes_that_hang_in_the_air_are_told_and_bad_ones_refused(tools, read):
     assert "Pipe 'p': has no refEnd" in site.warnings[0]
     with pytest.raises(SiteError, match="diameter must be positive"):
         read(w.document(network(w, '<Pipe name="p" refStart="s1" refEnd="s2"><CircPipe diameter="-1"/></Pipe>')))
+
+
+LOCATION = (
+    '<PlanFeatures name="Signs"><PlanFeature name="F1" code="3110" desc="Footing">'
+    "<Location>6783010 21530020{}</Location>"
+    + CODING.format("infraCoding", "331100")
+    + "</PlanFeature></PlanFeatures>"
+)
+
+
+@pytest.mark.parametrize("frame", ["{}", "<Roadways><Roadway name='R1'>{}</Roadway></Roadways>"])
+@pytest.mark.parametrize("height", ["", " 4.5"])
+def test_plan_features_with_a_location_are_points(tools, read, frame, height):
+    site = read(tools.Writer().document(frame.format(LOCATION.format(height))))
+    (point,) = site.points
+    assert (point.name, point.code, point.desc) == ("F1", "3110", "Footing")
+    assert point.properties == {"infraCoding": "331100"}
+    assert point.groups[-1] == "Signs"
+    assert point.position == pytest.approx([21530020.0, 6783010.0, 4.5 if height else math.nan], nan_ok=True)
+    assert point.source.feature == "F1" and point.source.line
+    assert site.lines == () and site.warnings == ()
+
+
+def test_a_plan_feature_may_have_a_line_and_several_locations(tools, read):
+    w = tools.Writer()
+    line = f"<Line>{w.place('Start', 0, 0)}{w.place('End', 10, 0)}</Line>"
+    spots = '<Location name="a">6783010 21530020 1</Location><Location>6783011 21530021 1</Location>'
+    site = read(w.document(plan_feature("gantry", line, extra=spots)))
+    assert [p.name for p in site.points] == ["a", "gantry"]
+    assert [line.name for line in site.lines] == ["gantry"]
+
+
+def test_codes_of_located_features_come_from_their_features_where_they_have_none(tools, read):
+    text = LOCATION.format(" 4.5").replace(' code="3110"', "")
+    assert read(tools.Writer().document(text)).points[0].code == "331100"
+
+
+def test_irregular_lines_by_their_ends_their_list_or_both(tools, read):
+    w = tools.Writer()
+    start, end = w.place("Start", 0, 0, 1.0), w.place("End", 30, 0, 4.0)
+    middle = "<PntList3D>6783005 21530010 2 6783005 21530020 3</PntList3D>"
+    whole = "<PntList3D>6783000 21530000 1 6783005 21530010 2 6783005 21530020 3 6783000 21530030 4</PntList3D>"
+    for inner, heights in (
+        (start + end, [1, 4]),
+        (start + middle + end, [1, 2, 3, 4]),
+        (start + whole + end, [1, 2, 3, 4]),
+        (middle, [2, 3]),
+        (start + "<PntList3D/>" + end, [1, 4]),
+    ):
+        site = read(w.document(plan_feature("kerb", f"<IrregularLine>{inner}</IrregularLine>")))
+        assert site.lines[0].points[:, 2] == pytest.approx(heights), inner
+        assert site.warnings == ()
+
+
+def test_irregular_lines_without_points_are_told(tools, read):
+    w = tools.Writer()
+    line = f"<Line>{w.place('Start', 0, 0)}{w.place('End', 10, 0)}</Line>"
+    site = read(
+        w.document(plan_feature("kerb", line, "<IrregularLine/>", "<IrregularLine><PntList2D/></IrregularLine>"))
+    )
+    assert len(site.lines) == 1
+    assert sum("'kerb': IrregularLine: has no points and is left out" in t for t in site.warnings) == 2
+
+
+def test_chains_are_lists_of_points_by_name(tools, read):
+    w = tools.Writer()
+    points = "".join(f'<CgPoint name="{n}">678300{n} 21530000 {n}</CgPoint>' for n in (1, 2, 3))
+    chain = plan_feature("fence", "<Chain>1 3 2</Chain>")
+    site = read(w.document(f"<CgPoints>{points}</CgPoints>", chain))
+    assert site.lines[0].points[:, 2] == pytest.approx([1, 3, 2])
+    with pytest.raises(SiteError, match=r"Chain: refers to a point that is not in the file \(found 4"):
+        read(w.document(f"<CgPoints>{points}</CgPoints>", chain.replace("1 3", "1 4")))
+
+
+def test_structures_of_pipe_networks_are_points(tools, read):
+    w = tools.Writer()
+    pipe = '<Pipe name="p" refStart="s1" refEnd="s2"><CircPipe diameter="0.4"/></Pipe>'
+    text = network(w, pipe).replace('name="s1"', 'name="s1" desc="Manhole" code="W" elevRim="7"')
+    text = text.replace("</Center>", "</Center><CircStruct diameter='0.8'/>", 1)
+    text = text.replace(w.place("Center", 30, 40, 8.0), w.place("Center", 30, 40)).replace(
+        'name="s2"', 'name="s2" elevRim="11.5"'
+    )
+    text = text.replace("</Structs>", '<Struct name="s3"/></Structs>')
+    site = read(w.document(text))
+    first, second = site.points
+    assert (first.name, first.code, first.desc, first.groups) == ("s1", "W", "Manhole", ("n", "sanitary"))
+    assert first.properties == {"diameter_m": "0.8"}
+    assert [p.position[2] for p in site.points] == [9.0, 11.5]
+    assert second.position[:2] == pytest.approx([w.origin[0] + 30, w.origin[1] + 40])
+    assert ["Struct 's3': has no Center and is left out" in t for t in site.warnings] == [True]
+
+
+@pytest.mark.parametrize(
+    ("unit", "diameter", "outcome"),
+    [
+        ("meter", "300", "a diameter of 300 meter is a unit error.*allowed: 0.001 to 20 meter"),
+        ("millimeter", "0.3", "a diameter of 0.3 millimeter is a unit error.*allowed: 1 to 2e.04 millimeter"),
+        ("meter", "20.5", "unit error"),
+        ("meter", "6", "warning"),
+        ("meter", "5", "fine"),
+        ("millimeter", "300", "fine"),
+    ],
+)
+def test_diameters_in_another_unit_are_refused(tools, read, unit, diameter, outcome):
+    w = tools.Writer(units=f'<Units><Metric linearUnit="meter" diameterUnit="{unit}"/></Units>')
+    pipe = f'<Pipe name="p" refStart="s1" refEnd="s2"><CircPipe diameter="{diameter}"/></Pipe>'
+    if outcome in ("fine", "warning"):
+        told = [t for t in read(w.document(network(w, pipe))).warnings if "has a diameter of 6 m" in t]
+        assert len(told) == (outcome == "warning")
+        return
+    with pytest.raises(SiteError, match=rf"site0\.xml:\d+: Pipe 'p': .*{outcome}"):
+        read(w.document(network(w, pipe)))
+
+
+def test_references_are_followed_from_point_to_point(tools, read):
+    w = tools.Writer()
+    points = (
+        '<CgPoint name="a">6783000 21530000 5</CgPoint><CgPoint name="b" pntRef="a"/><CgPoint name="c" pntRef="b"/>'
+    )
+    line = f'<Line><Start pntRef="c"/>{w.place("End", 30.0, 40.0)}</Line>'
+    site = read(w.document(f"<CgPoints>{points}</CgPoints>", w.alignment(line)))
+    assert [p.position[2] for p in site.points] == [5, 5, 5]
+    assert site.alignments[0].length == pytest.approx(50.0)
+    circle = points.replace('name="a">6783000 21530000 5<', 'name="a" pntRef="c"><')
+    with pytest.raises(SiteError, match=r"site0\.xml:\d+: CgPoint 'a': points refer to each other in a circle"):
+        read(w.document(f"<CgPoints>{circle}</CgPoints>"))
+
+
+def test_references_to_one_of_several_points_of_a_name_are_told(tools, read):
+    w = tools.Writer()
+    points = '<CgPoint name="a">6783000 21530000</CgPoint><CgPoint name="a">6783500 21530000</CgPoint>'
+    line = f'<Line><Start pntRef="a"/>{w.place("End", 30.0, 40.0)}</Line>'
+    site = read(w.document(f"<CgPoints>{points}</CgPoints>", w.alignment(line)))
+    assert site.alignments[0].length == pytest.approx(50.0)
+    assert any("Start: refers to 'a', as 2 points are called; the first counts" in t for t in site.warnings)

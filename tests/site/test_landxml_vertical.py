@@ -240,3 +240,46 @@ def test_station_equations(straight):
         site.alignments[0].distance_of_station(500.0)
     with pytest.raises(SiteError, match="needs staAhead"):
         straight('<StaEquation staBack="300"/>')
+
+
+@pytest.mark.parametrize("size", [8, 3.5, 0.5])
+def test_a_small_cant_counts_in_the_unit_of_the_gauge(straight, size):
+    track = straight(ramp(size, gauge="1524")).alignments[0]
+    assert track.at(150.0).cant[0] == pytest.approx(-size / 1000)
+    assert track.cant_gauge_m == pytest.approx(1.524)
+    with pytest.raises(SiteError, match="unit error"):
+        straight(ramp(size, gauge="1.524"))
+
+
+def test_inches_and_feet_are_told_apart_by_the_gauge(tools, read):
+    w = tools.Writer(origin=(0.0, 0.0), crs="", units='<Units><Imperial linearUnit="foot"/></Units>')
+    line = w.element(tools.chain(("line", Law.CONSTANT, 1000.0, 0, 0))[0])
+
+    def cant_of(table: str) -> float:
+        return float(read(w.document(w.alignment(line, rest=table))).alignments[0].at(100.0).cant[0])
+
+    flat = cant((0, 1, "ccw"), (1000, 1, "ccw"), gauge="56.5")
+    assert cant_of(flat) == pytest.approx(0.0254)
+    assert cant_of(flat.replace("56.5", "4.708")) == pytest.approx(0.3048)
+    with pytest.raises(SiteError, match="a cant of 1 may be in foot or in inch, and there is no gauge to tell"):
+        cant_of(flat.replace('gauge="56.5"', ""))
+
+
+def test_of_several_cant_tables_and_profiles_it_is_said_which_one_counts(straight):
+    cants = ramp(0.1) + ramp(0.05).replace('name="c"', 'name="d"')
+    profiles = profile("<PVI>0 1</PVI>", "<PVI>1000 1</PVI>") + profile("<PVI>0 9</PVI>", "<PVI>1000 9</PVI>")
+    site = straight(cants + profiles)
+    text = " ".join(site.warnings)
+    assert "has 2 cant tables; the first, Cant 'c', is used" in text
+    assert "has 2 profiles; the first, ProfAlign 'p', is used" in text
+    assert site.alignments[0].at(150.0).cant[0] == pytest.approx(-0.1)
+
+
+def test_the_parts_of_an_alignment_may_stand_in_any_order(tools, read):
+    w = tools.Writer()
+    line = w.element(tools.chain(("line", Law.CONSTANT, 400.0, 0, 0))[0])
+    text = w.alignment(line, rest=ramp(0.1) + profile("<PVI>0 1</PVI>", "<PVI>400 5</PVI>"))
+    geometry = text[text.index("<CoordGeom>") : text.index("</CoordGeom>") + len("</CoordGeom>")]
+    turned = text.replace(geometry, "").replace("</Alignment>", geometry + "</Alignment>")
+    state = read(w.document(turned)).alignments[0].at(150.0)
+    assert (state.cant[0], state.z[0]) == pytest.approx((-0.1, 2.5))

@@ -179,7 +179,7 @@ def test_contact_wires(site: SiteModel) -> None:
 def test_signals_cable_and_drain(site: SiteModel, geometry: ModuleType, tracks: dict[str, object]) -> None:
     signals = [p for p in site.points if p.code == "SIGNAL"]
     assert [p.name for p in signals] == ["S101", "S102"]
-    assert len(site.points) == 50
+    assert len(site.points) == 74
     (cable,) = lines(site, "CABLE")
     _, offset = site.alignment("Track 2").project(cable.points[:, :2])
     np.testing.assert_allclose(offset, 3.7, atol=2e-3)

@@ -7,7 +7,8 @@ import numpy as np
 from workgauge.site.alignment import Alignment
 from workgauge.site.landxml.blocks import line_of
 from workgauge.site.landxml.cant import read_cant
-from workgauge.site.landxml.document import Document, Element, child, children, descendants, label, local
+from workgauge.site.landxml.census import NOT_OF_THE_SITE
+from workgauge.site.landxml.document import Document, Element, children, descendants, label, local
 from workgauge.site.landxml.elements import PlaceReader, read_element
 from workgauge.site.landxml.features import feature_codes
 from workgauge.site.landxml.lines import coordinate_lines
@@ -24,38 +25,65 @@ _POLYLINES = ("IrregularLine", "Chain")
 
 def read_alignments(
     document: Document, units: FileUnits, places: PlaceReader
-) -> tuple[list[Alignment], list[LineFeature], dict[str, str]]:
-    """Return the alignments, those that are mere polylines as line features, and the cant unit by alignment name.
+) -> tuple[list[Alignment], list[LineFeature], list[str]]:
+    """Return the alignments, those that are mere polylines as line features, and the units of their cant.
 
     Raises:
         SiteError: an alignment that contradicts itself.
     """
     alignments: list[Alignment] = []
     lines: list[LineFeature] = []
-    cant_units: dict[str, str] = {}
-    for element in descendants(document.root, "Alignment"):
-        geometry = child(element, "CoordGeom")
-        parts = [] if geometry is None else list(children(geometry, *_ELEMENTS, *_POLYLINES))
+    cant_units: list[str] = []
+    for count, element in enumerate(descendants(document.root, "Alignment"), start=1):
+        parts = _parts(document, element)
         if not parts:
             document.warn("has no geometry and is left out", label(element), line_of(element))
         elif any(local(part) in _POLYLINES for part in parts):
             document.warn("is a polyline, no alignment; it is read as a line", label(element), line_of(element))
             lines += coordinate_lines(document, units, places, element, "string_line")
         else:
-            alignment, cant_unit = _alignment(document, units, places, element, parts)
+            alignment, cant_unit = _alignment(document, units, places, element, parts, f"alignment {count}")
             alignments.append(alignment)
             if cant_unit is not None:
-                cant_units[alignment.name] = cant_unit
+                cant_units.append(cant_unit)
     return alignments, lines, cant_units
 
 
+def _parts(document: Document, alignment: Element) -> list[Element]:
+    """Return the elements an alignment is made of, of its first geometry that has any.
+
+    Raises:
+        SiteError: among them is one that is not read, so that the alignment would end too early or somewhere else.
+    """
+    filled = [
+        g for g in children(alignment, "CoordGeom") if next(children(g, *_ELEMENTS, *_POLYLINES), None) is not None
+    ]
+    if len(filled) > 1:
+        document.warn(f"has {len(filled)} geometries; the first is used", label(alignment), line_of(alignment))
+    if not filled:
+        return []
+    for part in filled[0]:
+        if local(part) not in (*_ELEMENTS, *_POLYLINES, *NOT_OF_THE_SITE):
+            raise document.error(
+                f"{label(alignment)} has an element that is not read",
+                part,
+                allowed=", ".join((*_ELEMENTS, *_POLYLINES)),
+            )
+    return list(children(filled[0], *_ELEMENTS, *_POLYLINES))
+
+
 def _alignment(
-    document: Document, units: FileUnits, places: PlaceReader, element: Element, parts: list[Element]
+    document: Document,
+    units: FileUnits,
+    places: PlaceReader,
+    element: Element,
+    parts: list[Element],
+    default_name: str,
 ) -> tuple[Alignment, str | None]:
     owner = label(element)
     name = (element.get("name") or "").strip()
     if not name:
-        name = f"alignment at line {line_of(element) or 0}"
+        name = default_name
         document.warn(f"has no name; called {name!r}", owner, line_of(element))
     plan = PlanBuilder(document, owner).build([read_element(document, units, places, part) for part in parts])
     start = document.number(element, "staStart")

@@ -1,5 +1,6 @@
 """Numbers of very many equal elements (points and faces of surfaces), collected in chunks to keep memory small."""
 
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -7,6 +8,7 @@ import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
 
+from workgauge.site.landxml.numbers import HOW_TO_WRITE, fault, to_int
 from workgauge.values.arrays import Ints
 from workgauge.values.errors import SiteError
 
@@ -14,8 +16,8 @@ from workgauge.values.errors import SiteError
 Numbers: TypeAlias = NDArray[Any]
 
 _CHUNK = 65536
-#: No coordinate is larger, in whatever unit.
-_LARGEST = 1e12
+#: Whole numbers that were too large come out of the fast reader as one of these.
+_SATURATED = (-(2**63), 2**63 - 1)
 
 
 def line_of(element: "etree._Element") -> int | None:
@@ -76,8 +78,9 @@ class NumberBlock:
         if not self._texts:
             return
         lines = np.array(self._rows, dtype=np.int64)
-        widths = np.array([len(text.split()) for text in self._texts])
-        values = self._parse(self._texts, widths)
+        words = [text.split() for text in self._texts]
+        widths = np.array([len(row) for row in words])
+        values = self._parse(words, widths)
         if self._kind == "F" and (widths == 4).any():
             values, lines = self._split_quads(values, widths, lines)
         self._parts.append(values.reshape(-1, 3))
@@ -86,58 +89,56 @@ class NumberBlock:
             self._id_parts.append(self._parse_ids())
         self._texts, self._ids, self._rows = [], [], []
 
-    def _parse(self, texts: list[str], widths: Ints) -> Numbers:
+    def _parse(self, words: list[list[str]], widths: Ints) -> Numbers:
         allowed = (3,) if self._kind == "P" else (3, 4)
         good = bool(np.isin(widths, allowed).all())
         values = np.empty(0, dtype=self._dtype)
         if good:
             try:
-                values = np.fromstring(" ".join(texts), dtype=self._dtype, sep=" ")
+                values = np.fromstring(" ".join(chain.from_iterable(words)), dtype=self._dtype, sep=" ")
             except ValueError:
                 good = False
-        if good and len(values) == widths.sum() and (self._kind == "F" or (np.abs(values) <= _LARGEST).all()):
-            return values
-        raise self._first_fault(texts, allowed)
+        if good and len(values) == widths.sum():
+            right = np.isfinite(values) if self._kind == "P" else ~np.isin(values, _SATURATED)
+            if right.all():
+                return values
+        raise self._first_fault(words, allowed)
 
-    def _first_fault(self, texts: list[str], allowed: tuple[int, ...]) -> SiteError:
-        what = "northing easting height" if self._kind == "P" else "three point ids"
-        for row, text in enumerate(texts):
-            words = text.split()
-            try:
-                finite = self._kind == "F" or all(abs(float(word)) <= _LARGEST for word in words)
-                numbers = [int(word) for word in words] if self._kind == "F" else words
-            except ValueError:
-                finite, numbers = False, []
-            if len(numbers) not in allowed or not finite:
-                name = f"P id {self._ids[row]}" if self._kind == "P" else "F"
-                message = (
-                    "a point of a surface needs three finite numbers" if self._kind == "P" else "a face is not valid"
-                )
-                return SiteError(
-                    message,
-                    file=self._path,
-                    line=self._rows[row],
-                    element=name,
-                    value=" ".join(words) or "nothing",
-                    allowed=what,
-                )
-        return SiteError("numbers that cannot be read", file=self._path, line=self._rows[0], allowed=what)
+    def _first_fault(self, words: list[list[str]], allowed: tuple[int, ...]) -> SiteError:
+        points = self._kind == "P"
+        row = next((i for i, given in enumerate(words) if len(given) not in allowed or self._is_wrong(given)), 0)
+        return SiteError(
+            "a point of a surface needs three finite numbers" if points else "a face is not valid",
+            file=self._path,
+            line=self._rows[row] or None,
+            element=f"P id {self._ids[row]}" if points else "F",
+            value=" ".join(words[row]) or "nothing",
+            allowed=f"northing easting height, {HOW_TO_WRITE}" if points else "three point ids",
+        )
+
+    def _is_wrong(self, words: list[str]) -> bool:
+        if self._kind == "P":
+            return fault(words) is not None
+        try:
+            return not [to_int(word) for word in words]
+        except ValueError:
+            return True
 
     def _parse_ids(self) -> Ints:
-        try:
-            return np.array([int(i) for i in self._ids], dtype=np.int64)
-        except (ValueError, OverflowError):
-            for row, text in enumerate(self._ids):
-                if not text.strip().isdecimal() or len(text.strip()) > 18:
-                    raise SiteError(
-                        "point without a usable id",
-                        file=self._path,
-                        line=self._rows[row],
-                        element="P",
-                        value=text or "none",
-                        allowed="a whole number",
-                    ) from None
-            raise SiteError("point ids that cannot be read", file=self._path, line=self._rows[0]) from None
+        ids: list[int] = []
+        for row, text in enumerate(self._ids):
+            try:
+                ids.append(to_int(text))
+            except ValueError:
+                raise SiteError(
+                    "point without a usable id",
+                    file=self._path,
+                    line=self._rows[row] or None,
+                    element="P",
+                    value=text or "none",
+                    allowed="a whole number",
+                ) from None
+        return np.array(ids, dtype=np.int64)
 
     def _split_quads(self, values: Numbers, widths: Ints, lines: Ints) -> tuple[Numbers, Ints]:
         """Return two triangles for each face of four points."""

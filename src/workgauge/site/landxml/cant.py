@@ -1,17 +1,19 @@
 """The `Cant` of an alignment; metres, millimetres, feet and inches told apart, and said."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from workgauge.site.cant import CantPoint, CantTable
 from workgauge.site.landxml.blocks import line_of
-from workgauge.site.landxml.document import Document, Element, children
+from workgauge.site.landxml.document import Document, Element, children, label
 from workgauge.site.landxml.elements import SPIRAL_TYPES
 from workgauge.site.landxml.units import FileUnits
 from workgauge.site.plan import PlanGeometry
 from workgauge.site.transitions import Law
+from workgauge.values.arrays import Floats
+from workgauge.values.errors import SiteError
 
 #: No track is canted by more [m].
 LARGEST_CANT_M = 0.35
@@ -19,6 +21,8 @@ LARGEST_CANT_M = 0.35
 SMALLEST_CANT_M = 0.010
 #: In a table in millimetres, figures that would be a cant between this and the largest in metres are stray [m].
 _STRAY_M = 0.005
+#: A largest cant below this in the small unit is none, whatever unit the gauge is in [m].
+_LEAST_SMALL_M = 0.001
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,13 +50,13 @@ def read_cant(
     if not tables:
         return None, None
     if len(tables) > 1:
-        document.warn(f"has {len(tables)} cant tables; the first is used", owner)
+        document.warn(f"has {len(tables)} cant tables; the first, {label(tables[0])}, is used", owner)
     table = tables[0]
     stations = list(children(table, "CantStation"))
     applied = np.array([_number(document, s, "appliedCant") for s in stations])
     gauge_text = document.number(table, "gauge")
-    gauge, gauge_mm = _gauge(document, units, table, gauge_text, owner)
-    unit = _unit(document, units, stations, applied, gauge_mm, owner)
+    gauge, gauge_small = _gauge(document, units, table, gauge_text, owner)
+    unit = _unit(document, units, stations, applied, gauge_small, gauge is not None, owner)
     where = np.array([_number(document, s, "station") * units.linear - start for s in stations])
     if (np.diff(where) < 0).any():
         first = stations[int(np.argmax(np.diff(where) < 0)) + 1]
@@ -85,7 +89,7 @@ def _number(document: Document, element: Element, key: str) -> float:
 def _gauge(
     document: Document, units: FileUnits, table: Element, gauge: float | None, owner: str
 ) -> tuple[float | None, bool]:
-    """Return the gauge [m] and whether the file gives it in millimetres."""
+    """Return the gauge [m] and whether the file gives it in its small unit, millimetres or inches."""
     if gauge is None:
         document.warn("the cant table states no gauge", owner, line_of(table))
         return None, units.linear == 0.001
@@ -96,7 +100,8 @@ def _gauge(
                 document.warn(
                     "gauge 1.5 m is likely the distance between rail centres, not the gauge", owner, line_of(table)
                 )
-            return value, is_mm or units.linear == 0.001
+            # 1435 in a file of metres or feet, or 56.5 in one of feet, is in the small unit, as cant then is.
+            return value, is_mm or units.linear == 0.001 or (metres == 0.0254 and units.system == "Imperial")
     raise document.error("no track has this gauge", table, value=gauge, allowed="0.3 to 2.5 m")
 
 
@@ -104,14 +109,15 @@ def _unit(
     document: Document,
     units: FileUnits,
     stations: Sequence[Element],
-    applied: "np.ndarray[tuple[int], np.dtype[np.float64]]",
-    gauge_mm: bool,
+    applied: Floats,
+    gauge_small: bool,
+    has_gauge: bool,
     owner: str,
 ) -> _Unit:
-    """Return the cant's unit: the one in which the largest cant is a plausible one.
+    """Return the cant's unit.
 
-    LandXML means millimetres (inches), Inframodel files are in metres; the figures decide, because no track is canted
-    by more than 0.35 m and none has less than 10 mm as its largest cant.
+    LandXML means millimetres (inches), Inframodel files are in metres. A gauge in millimetres (inches) decides; else
+    the figures do, because no track is canted by more than 0.35 m and none has less than 10 mm as its largest cant.
     """
     large, small = _IMPERIAL if units.system == "Imperial" else _METRIC
     size = np.abs(applied)
@@ -121,35 +127,50 @@ def _unit(
         f"{SMALLEST_CANT_M / large.metres:.3g} to {LARGEST_CANT_M / large.metres:.3g} {large.name} or "
         f"{SMALLEST_CANT_M / small.metres:.3g} to {LARGEST_CANT_M / small.metres:.3g} {small.name} as the largest"
     )
+
+    def refused(text: str, element: Element = worst, value: object = largest, allowed: str = limits) -> SiteError:
+        return document.error(f"{owner}: {text}", element, value=value, allowed=allowed)
+
     if largest == 0:
-        return small if gauge_mm else large
+        return small if gauge_small else large
     if largest * small.metres > LARGEST_CANT_M:
-        raise document.error(
-            f"{owner}: a cant of {largest:g} {small.name} is a unit error", worst, value=largest, allowed=limits
-        )
-    if largest * large.metres > LARGEST_CANT_M:
-        if largest * small.metres < SMALLEST_CANT_M:
-            raise document.error(
-                f"{owner}: a cant of {largest:g} {large.name} is a unit error", worst, value=largest, allowed=limits
-            )
-        stray = (size * large.metres > _STRAY_M) & (size * large.metres < LARGEST_CANT_M)
-        if units.system != "Imperial" and stray.any():
-            first = stations[int(np.argmax(stray))]
-            raise document.error(
-                f"{owner}: cant in {large.name} in a file whose other cant is in {small.name}",
-                first,
-                value=first.get("appliedCant"),
-                allowed=f"one unit; elsewhere it is {largest:g}",
-            )
+        raise refused(f"a cant of {largest:g} {small.name} is a unit error")
+    large_fits = largest * large.metres <= LARGEST_CANT_M
+    if gauge_small:
+        if large_fits and largest * small.metres < _LEAST_SMALL_M:
+            text = f"cant in {large.name} in a file whose gauge is in {small.name}"
+            raise refused(text, allowed="one unit")
+        _refuse_stray(size, large, small, stations, units, refused)
         return small
-    if gauge_mm:
-        raise document.error(
-            f"{owner}: cant in {large.name} in a file whose gauge is in {small.name}",
-            worst,
-            value=largest,
-            allowed="one unit",
+    if large_fits:
+        if not has_gauge and largest * small.metres >= SMALLEST_CANT_M:
+            text = f"a cant of {largest:g} may be in {large.name} or in {small.name}, and there is no gauge to tell"
+            raise refused(text, allowed=f"a gauge in {large.name} or in {small.name}")
+        return large
+    if largest * small.metres < SMALLEST_CANT_M:
+        raise refused(f"a cant of {largest:g} {large.name} is a unit error")
+    _refuse_stray(size, large, small, stations, units, refused)
+    return small
+
+
+def _refuse_stray(
+    size: Floats,
+    large: _Unit,
+    small: _Unit,
+    stations: Sequence[Element],
+    units: FileUnits,
+    refused: Callable[..., SiteError],
+) -> None:
+    """Refuse single figures that are a cant in the large unit in a table in the small one."""
+    stray = (size * large.metres > _STRAY_M) & (size * large.metres < LARGEST_CANT_M)
+    if units.system != "Imperial" and stray.any():
+        first = stations[int(np.argmax(stray))]
+        raise refused(
+            f"cant in {large.name} in a file whose other cant is in {small.name}",
+            first,
+            first.get("appliedCant"),
+            f"one unit; elsewhere it is {float(size.max()):g}",
         )
-    return large
 
 
 def _sign(document: Document, station: Element, applied: float, curvature: float, owner: str) -> int:

@@ -4,12 +4,13 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, BinaryIO, TypeAlias
 from xml.parsers import expat
 
 from lxml import etree
 
 from workgauge.site.landxml.blocks import NumberBlock, line_of
+from workgauge.site.landxml.numbers import HOW_TO_WRITE, LARGEST, fault, to_float
 from workgauge.values.errors import SiteError
 
 Element: TypeAlias = etree._Element
@@ -20,8 +21,6 @@ _HEAD_LIMIT = 16 * _HEAD_CHUNK
 ROOT = "LandXML"
 #: Namespaces are known by these words in them; files without a namespace are accepted too.
 _NAMESPACES = ("landxml", "inframodel")
-#: No number in a file is larger; what is overflows on its way through the geometry.
-_LARGEST = 1e12
 
 
 def local(element: Element) -> str:
@@ -122,21 +121,23 @@ class Document:
         """Return an attribute as a number, None where it is absent or empty.
 
         Raises:
-            SiteError: it is no finite number.
+            SiteError: it is no finite number, or too large for any.
         """
         text = (element.get(key) or "").strip()
         if not text:
             return None
         try:
-            value = float(text)
+            value = to_float(text)
         except ValueError:
             value = math.nan
-        if not abs(value) <= _LARGEST:
+        if not math.isfinite(value):
             raise self.error(f"{key} must be a finite number", element, value=text)
+        if abs(value) > LARGEST:
+            raise self.error(f"{key} is too large", element, value=text, allowed=f"at most {LARGEST:g} either way")
         return value
 
     def numbers(self, element: Element, counts: tuple[int, ...]) -> list[float]:
-        """Return the numbers in an element's text.
+        """Return the numbers in an element's text, of any finite size.
 
         Raises:
             SiteError: their count is not one of `counts`, or one is no finite number.
@@ -144,14 +145,14 @@ class Document:
         words = (element.text or "").split()
         wanted = " or ".join(str(c) for c in counts)
         if len(words) not in counts:
-            raise self.error(f"expected {wanted} numbers", element, value=" ".join(words) or "none")
-        try:
-            values = [float(word) for word in words]
-        except ValueError:
-            values = [math.nan]
-        if not all(abs(v) <= _LARGEST for v in values):
-            raise self.error("coordinates must be finite numbers", element, value=" ".join(words))
-        return values
+            raise self.error(
+                f"expected {wanted} numbers", element, value=" ".join(words) or "none", allowed=HOW_TO_WRITE
+            )
+        if fault(words) is not None:
+            raise self.error(
+                "coordinates must be finite numbers", element, value=" ".join(words), allowed=HOW_TO_WRITE
+            )
+        return [to_float(word) for word in words]
 
 
 def label(element: Element) -> str:
@@ -196,9 +197,21 @@ def open_document(path: Path) -> Document:
     """
     check_prolog(path)
     blocks: dict[str, dict[Element, NumberBlock]] = {"P": {}, "F": {}}
-    parents = {"P": "Pnts", "F": "Faces"}
+    try:
+        with path.open("rb") as source:
+            root = _parse(path, source, blocks)
+    except (OSError, LookupError, ValueError) as error:
+        raise SiteError(f"cannot be read: {error}", file=path) from error
+    for kind in blocks.values():
+        for numbers in kind.values():
+            numbers.close()
+    return Document(path, root, blocks["P"], blocks["F"])
+
+
+def _parse(path: Path, source: BinaryIO, blocks: dict[str, dict[Element, NumberBlock]]) -> Element:
+    """Return the tree without the points and faces of surfaces, which go into `blocks`."""
     stream = etree.iterparse(
-        str(path),
+        source,
         events=("end",),
         tag=("{*}P", "{*}F"),
         resolve_entities=False,
@@ -208,9 +221,10 @@ def open_document(path: Path) -> Document:
         remove_pis=True,
         huge_tree=True,
     )
+    parents = {"P": "Pnts", "F": "Faces"}
+    parent: Element | None = None
+    block: NumberBlock | None = None
     try:
-        parent: Element | None = None
-        block: NumberBlock | None = None
         for _, element in stream:
             above = element.getparent()
             if above is not parent or block is None:
@@ -223,12 +237,7 @@ def open_document(path: Path) -> Document:
             before = element.getprevious()
             if before is not None:
                 above.remove(before)
-        root = stream.root
     except etree.XMLSyntaxError as error:
         raise _broken(path, error, stream) from error
-    except (OSError, LookupError, ValueError) as error:
-        raise SiteError(f"cannot be read: {error}", file=path) from error
-    for kind in blocks.values():
-        for numbers in kind.values():
-            numbers.close()
-    return Document(path, root, blocks["P"], blocks["F"])
+    root: Element = stream.root
+    return root

@@ -1,14 +1,18 @@
 """The elements of a `CoordGeom` as the file states them, in metres, east north; no geometry is judged here yet."""
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workgauge.site.landxml.blocks import line_of
 from workgauge.site.landxml.document import Document, Element, child, label, local
+from workgauge.site.landxml.numbers import HOW_TO_WRITE, fault, to_float
 from workgauge.site.landxml.units import FileUnits
 from workgauge.site.transitions import Law
+from workgauge.site.units import LINEAR_UNITS
 from workgauge.values.arrays import Floats
 
 #: Laws by LandXML's `spiType`, lower case.
@@ -23,7 +27,7 @@ SPIRAL_TYPES: dict[str, Law] = {
     "cubic": Law.CUBIC_PARABOLA,
     "cubicparabola": Law.CUBIC_PARABOLA,
 }
-#: No easting or northing is larger, zone prefix included [m].
+#: No easting, northing or height is larger, zone prefix included [m].
 LARGEST_M = 1e8
 #: No alignment turns more tightly [m].
 SMALLEST_RADIUS_M = 0.01
@@ -60,29 +64,45 @@ class PlaceReader:
     """Reads northing easting [height] places, by themselves or by reference to a `CgPoint`.
 
     Args:
-        named: positions of the file's points by name, absolute east, north, height [m].
+        named: the `CgPoint` elements of the file by name; those that refer to others are followed when asked for.
     """
 
-    def __init__(self, document: Document, units: FileUnits, named: dict[str, Floats]) -> None:
+    def __init__(self, document: Document, units: FileUnits, named: Mapping[str, Sequence[Element]]) -> None:
         self._document = document
         self._units = units
         self._named = named
+        self._doubted: set[str] = set()
 
     def place(self, element: Element) -> Floats:
         """Return (3,) absolute east, north, height [m]; the height is NaN where the file has none.
 
         Raises:
-            SiteError: missing or not finite coordinates, a reference to an unknown point.
+            SiteError: missing, not finite or too large coordinates, a reference to an unknown point or in a circle.
         """
-        text = (element.text or "").strip()
-        reference = (element.get("pntRef") or "").strip()
-        if not text and reference:
-            if reference not in self._named:
-                raise self._document.error("refers to a point that is not in the file", element, value=reference)
-            return self._named[reference]
-        values = self._document.numbers(element, (2, 3))
-        place: Floats = self.from_file(np.array([values]), element)[0]
+        followed: list[str] = []
+        at = element
+        while not (at.text or "").strip() and (at.get("pntRef") or "").strip():
+            name = str(at.get("pntRef")).strip()
+            if name in followed:
+                raise self._document.error("points refer to each other in a circle", element, value=name)
+            followed.append(name)
+            at = self._point(name, element)
+        values = self._document.numbers(at, (2, 3))
+        place: Floats = self.from_file(np.array([values]), at)[0]
         return place
+
+    def _point(self, name: str, element: Element) -> Element:
+        found = self._named.get(name)
+        if not found:
+            raise self._document.error("refers to a point that is not in the file", element, value=name)
+        if name not in self._doubted and len({(e.text or "", e.get("pntRef")) for e in found}) > 1:
+            self._doubted.add(name)
+            self._document.warn(
+                f"refers to {name!r}, as {len(found)} points are called; the first counts",
+                label(element),
+                line_of(element),
+            )
+        return found[0]
 
     def from_file(self, rows: Floats, element: Element) -> Floats:
         """Return rows (n, 2 or 3) northing, easting[, height] in file units as (n, 3) east, north, height [m].
@@ -90,12 +110,22 @@ class PlaceReader:
         Raises:
             SiteError: coordinates that no map has; `element` is where they stand.
         """
-        if not (np.abs(rows[:, :2]) * self._units.linear <= LARGEST_M).all():
+        beyond = beyond_any_map(rows, self._units)
+        if beyond.any():
             raise self._document.error(
-                "coordinates beyond any map", element, value=float(np.abs(rows).max()), allowed=f"{LARGEST_M:g} m"
+                "coordinates beyond any map", element, value=f"{rows[beyond][0]:.9g}", allowed=map_limit(self._units)
             )
         height = rows[:, 2] * self._units.elevation if rows.shape[1] > 2 else np.full(len(rows), np.nan)
         return np.column_stack([rows[:, 1] * self._units.linear, rows[:, 0] * self._units.linear, height])
+
+    def chain(self, element: Element) -> Floats:
+        """Return the places (n, 3) of the points whose names, separated by spaces, are the text of a `Chain`.
+
+        Raises:
+            SiteError: a name that no point has.
+        """
+        names = (element.text or "").split()
+        return np.array([self.place(self._point(name, element)) for name in names]).reshape(-1, 3)
 
     def child_place(self, element: Element, name: str) -> Floats | None:
         """Return the place in a child element, or None if there is no such child."""
@@ -110,15 +140,30 @@ class PlaceReader:
         """
         width = 3 if local(element) == "PntList3D" else 2
         words = (element.text or "").split()
-        try:
-            values = np.array([float(word) for word in words], dtype=np.float64)
-        except ValueError:
-            values = np.array([np.nan])
-        if len(values) % width or not np.isfinite(values).all():
+        wrong = fault(words)
+        if wrong is not None or len(words) % width:
             raise self._document.error(
-                "a list of points that cannot be read", element, allowed=f"finite numbers, {width} for each point"
+                "a list of points that cannot be read",
+                element,
+                value=f"{len(words)} numbers" if wrong is None else wrong,
+                allowed=f"{width} finite numbers for each point; {HOW_TO_WRITE}",
             )
+        values = np.array([to_float(word) for word in words], dtype=np.float64)
         return self.from_file(values.reshape(-1, width), element)
+
+
+def beyond_any_map(rows: Floats, units: FileUnits) -> NDArray[np.bool_]:
+    """Return where rows (n, 2 or 3) northing, easting[, height] in file units exceed what coordinates can be."""
+    factors = np.array([units.linear, units.linear, units.elevation])[: rows.shape[1]]
+    beyond: NDArray[np.bool_] = ~(np.abs(rows) <= LARGEST_M / factors)
+    return beyond
+
+
+def map_limit(units: FileUnits) -> str:
+    """Return in words how large coordinates may be."""
+    names = dict.fromkeys((units.names["linear"], units.names["elevation"]))
+    limits = dict.fromkeys(f"{LARGEST_M / LINEAR_UNITS[name]:.3g} {name}" for name in names)
+    return f"at most {' and heights of '.join(limits)} either way"
 
 
 def read_element(document: Document, units: FileUnits, places: PlaceReader, element: Element) -> StatedElement:
@@ -149,6 +194,7 @@ def read_element(document: Document, units: FileUnits, places: PlaceReader, elem
             start,
             end,
             centre=places.child_place(element, "Center"),
+            pi=places.child_place(element, "PI"),
             length=length,
             radius=None if radius is None else abs(radius) * units.linear,
             turn=turn,
@@ -194,7 +240,7 @@ def _curvature(document: Document, element: Element, key: str, units: FileUnits)
     """Return 1/radius [1/m]; infinite, NaN, absent or zero radii are straight."""
     text = (element.get(key) or "").strip()
     try:
-        radius = float(text) if text else math.inf
+        radius = to_float(text) if text else math.inf
     except ValueError:
         raise document.error(f"{key} is no number", element, value=text, allowed="a radius or INF") from None
     if radius == 0:

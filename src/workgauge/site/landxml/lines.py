@@ -16,17 +16,21 @@ from workgauge.values.limits import Source
 
 #: Curves of line features are cut so that no chord is farther from its arc than this [m].
 CHORD_ERROR_M = 0.005
+#: No pipe or cable is thicker or thinner; above the second a warning is given [m].
+LARGEST_DIAMETER_M, DIAMETER_WARN_M, SMALLEST_DIAMETER_M = 20.0, 5.0, 0.001
 _LISTS = ("PntList2D", "PntList3D")
 
 
 def read_plan_features(document: Document, units: FileUnits, places: PlaceReader) -> list[LineFeature]:
-    """Return the plan features of a file as polylines.
+    """Return the plan features of a file as polylines; those that are mere locations are points, no lines.
 
     Raises:
         SiteError: coordinates that cannot be read.
     """
     lines: list[LineFeature] = []
     for element in descendants(document.root, "PlanFeature"):
+        if child(element, "CoordGeom") is None and child(element, "Location") is not None:
+            continue
         cable = any("cable" in name.lower() for name in feature_names(element))
         lines += coordinate_lines(document, units, places, element, "cable" if cable else "plan_feature")
     return lines
@@ -40,7 +44,7 @@ def coordinate_lines(
     for geometry in children(element, "CoordGeom"):
         chain: list[Floats] = []
         for part in geometry:
-            points = _part_points(document, units, places, part)
+            points = _part_points(document, units, places, part, label(element))
             if points is None:
                 continue
             if chain and float(np.hypot(*(points[0] - chain[-1][-1])[:2])) > GAP_LIMIT_M:
@@ -55,17 +59,36 @@ def coordinate_lines(
     return lines
 
 
-def _part_points(document: Document, units: FileUnits, places: PlaceReader, part: Element) -> Floats | None:
+def _part_points(
+    document: Document, units: FileUnits, places: PlaceReader, part: Element, owner: str
+) -> Floats | None:
     name = local(part)
     if name in ("Line", "Curve", "Spiral"):
         return _chords(document, read_element(document, units, places, part))
     if name in ("IrregularLine", "Chain"):
-        lists = [places.polyline(found) for found in children(part, *_LISTS)]
-        if lists:
-            return lists[0]
-        ends = [places.child_place(part, which) for which in ("Start", "End")]
-        return np.array([end for end in ends if end is not None]) if None not in ends else None
+        points = _listed(places, part)
+        if len(points):
+            return points
+        document.warn("has no points and is left out", f"{owner}: {label(part)}", line_of(part))
     return None
+
+
+def _listed(places: PlaceReader, part: Element) -> Floats:
+    """Return the places (n, 3) of a polyline: its list, and its start and end where the list does not repeat them."""
+    lists = [places.polyline(found) for found in children(part, *_LISTS)]
+    rows = list(lists[0]) if lists else []
+    if local(part) == "Chain" and not lists:
+        rows = list(places.chain(part))
+    start, end = (places.child_place(part, which) for which in ("Start", "End"))
+    if start is not None and not (rows and _apart(start, rows[0]) <= GAP_LIMIT_M):
+        rows.insert(0, start)
+    if end is not None and not (len(rows) > 1 and _apart(end, rows[-1]) <= GAP_LIMIT_M):
+        rows.append(end)
+    return np.array(rows).reshape(-1, 3)
+
+
+def _apart(a: Floats, b: Floats) -> float:
+    return float(np.hypot(*(a - b)[:2]))
 
 
 def _chords(document: Document, stated: StatedElement) -> Floats:
@@ -91,6 +114,9 @@ def _line(
     diameter_m: float | None = None,
 ) -> list[LineFeature]:
     """Return one line feature without repeated points, or nothing if fewer than two points are left."""
+    if len(points) < 2:
+        document.warn("has fewer than two points and is left out", label(element), line_of(element))
+        return []
     with np.errstate(invalid="ignore"):
         moved = np.abs(np.diff(points[:, :2], axis=0)).max(axis=1, initial=0.0) > 1e-9
         moved |= np.abs(np.nan_to_num(np.diff(points[:, 2]))) > 1e-9
@@ -120,25 +146,26 @@ def read_surface_lines(document: Document, places: PlaceReader) -> list[LineFeat
     for tag, kind in (("Breakline", "breakline"), ("Boundary", "boundary")):
         for element in descendants(document.root, tag):
             for found in children(element, *_LISTS):
-                points = places.polyline(found)
-                if len(points) >= 2:
-                    lines += _line(document, element, kind, points)
+                lines += _line(document, element, kind, places.polyline(found))
     return lines
+
+
+def structs(network: Element) -> list[Element]:
+    """Return the structures (wells, manholes) of a pipe network."""
+    return [s for group in children(network, "Structs") for s in children(group, "Struct")]
 
 
 def read_pipes(document: Document, units: FileUnits, places: PlaceReader) -> list[LineFeature]:
     """Return the pipes and cables of all networks; a pipe's axis runs half its diameter above its inverts.
 
     Raises:
-        SiteError: coordinates that cannot be read, a diameter that is not positive.
+        SiteError: coordinates that cannot be read, a diameter that is not positive or in another unit.
     """
     lines: list[LineFeature] = []
     for network in descendants(document.root, "PipeNetwork"):
-        structures = {
-            s.get("name") or "": s for group in children(network, "Structs") for s in children(group, "Struct")
-        }
+        structures = {s.get("name") or "": s for s in structs(network)}
         for pipe in (p for group in children(network, "Pipes") for p in children(group, "Pipe")):
-            diameter = _diameter(document, units, pipe)
+            diameter = diameter_of(document, units, pipe, "CircPipe")
             ends = []
             for key in ("refStart", "refEnd"):
                 structure = structures.get(pipe.get(key) or "")
@@ -156,12 +183,30 @@ def read_pipes(document: Document, units: FileUnits, places: PlaceReader) -> lis
     return lines
 
 
-def _diameter(document: Document, units: FileUnits, pipe: Element) -> float | None:
-    shape = child(pipe, "CircPipe")
+def diameter_of(document: Document, units: FileUnits, owner: Element, shape_name: str) -> float | None:
+    """Return the diameter [m] of a pipe's or structure's round shape, or None.
+
+    Raises:
+        SiteError: it is not positive, or so large or small that it is in another unit.
+    """
+    shape = child(owner, shape_name)
     value = None if shape is None else document.number(shape, "diameter")
-    if shape is not None and value is not None and value <= 0:
-        raise document.error("a diameter must be positive", pipe, value=value)
-    return None if value is None else value * units.diameter
+    if value is None:
+        return None
+    if value <= 0:
+        raise document.error("a diameter must be positive", owner, value=value)
+    unit = units.names.get("diameter", units.names["linear"])
+    diameter = value * units.diameter
+    if not SMALLEST_DIAMETER_M <= diameter <= LARGEST_DIAMETER_M:
+        raise document.error(
+            f"a diameter of {value:g} {unit} is a unit error",
+            owner,
+            value=value,
+            allowed=f"{SMALLEST_DIAMETER_M / units.diameter:.3g} to {LARGEST_DIAMETER_M / units.diameter:.3g} {unit}",
+        )
+    if diameter > DIAMETER_WARN_M:
+        document.warn(f"has a diameter of {diameter:.3g} m", label(owner), line_of(owner))
+    return diameter
 
 
 def _pipe_end(

@@ -177,9 +177,11 @@ class PlanBuilder:
         return PlanElement("curve", Law.CONSTANT, place, a0 + item.turn * math.pi / 2, length, curvature, curvature)
 
     def _centre(self, item: StatedElement) -> Floats:
-        """Return the centre of an arc stated by its ends, radius and rotation only."""
+        """Return the centre of an arc stated by its ends, rotation and radius, or else its tangent point."""
+        if not item.radius and item.pi is not None:
+            return self._centre_by_tangents(item, item.pi)
         if not item.radius:
-            raise self._error(item, "needs a Center or a radius", item.radius, "one of the two")
+            raise self._error(item, "needs a Center, a radius or a PI", item.radius, "one of the three")
         chord = (item.end - item.start)[:2]
         half = math.hypot(*chord) / 2
         if half - item.radius > MISCLOSURE_LIMIT_M / 2:
@@ -190,6 +192,27 @@ class PlanBuilder:
         left = np.array([-chord[1], chord[0]]) / (2 * half)
         side = item.turn if (item.length or 0.0) <= math.pi * item.radius else -item.turn
         centre: Floats = item.start[:2] + chord / 2 + side * height * left
+        return centre
+
+    def _centre_by_tangents(self, item: StatedElement, pi: Floats) -> Floats:
+        """Return the centre square to the first tangent, at start, and as far from the end."""
+        first, last, chord = (pi - item.start)[:2], (item.end - pi)[:2], (item.end - item.start)[:2]
+        apart = math.hypot(*first) - math.hypot(*last)
+        if not abs(apart) <= MISCLOSURE_LIMIT_M:
+            raise self._error(
+                item,
+                "start and end are not equally far from the PI",
+                f"{math.hypot(*first):.4f} and {math.hypot(*last):.4f} m",
+                f"a difference of {1000 * MISCLOSURE_LIMIT_M:.0f} mm",
+            )
+        left = np.array([-first[1], first[0]]) / max(math.hypot(*first), SHORTEST_M)
+        aside = float(chord @ left)
+        if abs(aside) < SHORTEST_M:
+            raise self._error(item, "its PI lies on its chord", "no curve", "a Center or a radius")
+        reach = float(chord @ chord) / (2 * aside)
+        if item.turn * reach < 0 and not (item.length or 0.0) > math.pi * abs(reach):
+            raise self._error(item, "rot contradicts the PI", "cw" if item.turn < 0 else "ccw", "the other way")
+        centre: Floats = item.start[:2] + reach * left
         return centre
 
     def _compare(self, item: StatedElement, what: str, stated: float | None, measured: float) -> None:

@@ -3,8 +3,12 @@
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from workgauge.site.landxml.blocks import line_of
 from workgauge.site.landxml.document import Document, Element, children, label, local
+from workgauge.site.landxml.heights import doubt_heights
+from workgauge.site.landxml.numbers import LARGEST
 from workgauge.site.landxml.units import FileUnits
 from workgauge.site.profile import Profile, ProfileError, VerticalCurve, VerticalPoint, build_profile
 from workgauge.values.errors import SiteError
@@ -40,6 +44,8 @@ def read_profile(
             document.warn("repeats the point before it and is left out", f"{owner}: {local(element)}", point.line)
             continue
         points.append(point)
+    heights = np.array([point.height for point in points])
+    doubt_heights(document, units, heights, owner, line_of(filled[0]), lambda i: f"{points[i].distance:.3f} m")
     points = _fitted(document, points, owner)
     try:
         profile = build_profile(points)
@@ -61,6 +67,8 @@ def read_profile(
 
 def _point(document: Document, units: FileUnits, element: Element, start: float) -> VerticalPoint:
     station, height = document.numbers(element, (2,))
+    if max(abs(station), abs(height)) > LARGEST:
+        raise document.error("station or height is too large", element, value=element.text, allowed=f"{LARGEST:g}")
     kind = local(element)
     curve = {"CircCurve": VerticalCurve.CIRCLE, "ParaCurve": VerticalCurve.PARABOLA}.get(kind, VerticalCurve.NONE)
     radius: float | None = None

@@ -2,15 +2,19 @@
 
 from pathlib import Path
 
+import numpy as np
+
 from workgauge.site.landxml.alignments import read_alignments
 from workgauge.site.landxml.blocks import line_of
+from workgauge.site.landxml.census import count_unread
 from workgauge.site.landxml.document import Document, child, label, open_document
 from workgauge.site.landxml.elements import PlaceReader
+from workgauge.site.landxml.heights import doubt_heights
 from workgauge.site.landxml.lines import read_pipes, read_plan_features, read_surface_lines
-from workgauge.site.landxml.points import named_places, read_points
+from workgauge.site.landxml.points import named_points, read_locations, read_points, read_structures
 from workgauge.site.landxml.surfaces import read_surfaces
-from workgauge.site.landxml.units import read_units
-from workgauge.site.model import SiteModel
+from workgauge.site.landxml.units import FileUnits, read_units
+from workgauge.site.model import LineFeature, PointFeature, SiteModel
 from workgauge.values.errors import SiteError
 
 _CRS_KEYS = (
@@ -40,21 +44,28 @@ def read_landxml(path: Path) -> SiteModel:
     """
     document = open_document(path)
     units = read_units(document)
-    places = PlaceReader(document, units, named_places(document, units))
+    places = PlaceReader(document, units, named_points(document))
     alignments, string_lines, cant_units = read_alignments(document, units, places)
     surfaces = read_surfaces(document, units)
-    points = read_points(document, places)
+    points = [
+        *read_points(document, places),
+        *read_locations(document, places),
+        *read_structures(document, units, places),
+    ]
     lines = [
         *string_lines,
         *read_plan_features(document, units, places),
         *read_pipes(document, units, places),
         *read_surface_lines(document, places),
     ]
+    _doubt_points_and_lines(document, units, points, lines)
+    unread = count_unread(document)
     if not (alignments or surfaces or points or lines):
-        raise SiteError("holds no alignments, surfaces, points or lines", file=path)
+        found = ", ".join(f"{count} {name}" for name, count in unread.items())
+        raise SiteError("holds no alignments, surfaces, points or lines", file=path, value=found or None)
     names = dict(units.names)
     if cant_units:
-        names["cant"] = ", ".join(sorted(set(cant_units.values())))
+        names["cant"] = ", ".join(sorted(set(cant_units)))
     return SiteModel(
         crs=None,
         crs_declared=_declared(document),
@@ -66,6 +77,18 @@ def read_landxml(path: Path) -> SiteModel:
         warnings=tuple(document.warnings),
         files=(str(path),),
     )
+
+
+def _doubt_points_and_lines(
+    document: Document, units: FileUnits, points: list[PointFeature], lines: list[LineFeature]
+) -> None:
+    if points:
+        heights = np.array([p.position[2] for p in points])
+        doubt_heights(document, units, heights, "points", name=lambda i: points[i].source.feature)
+    if lines:
+        heights = np.concatenate([line.points[:, 2] for line in lines])
+        owner = np.repeat(np.arange(len(lines)), [len(line.points) for line in lines])
+        doubt_heights(document, units, heights, "lines", name=lambda i: lines[owner[i]].source.feature)
 
 
 def _declared(document: Document) -> dict[str, str]:

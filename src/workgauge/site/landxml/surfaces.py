@@ -4,8 +4,9 @@ import numpy as np
 
 from workgauge.site.landxml.blocks import NumberBlock, line_of
 from workgauge.site.landxml.document import Document, Element, child, children, descendants, label
-from workgauge.site.landxml.elements import LARGEST_M
+from workgauge.site.landxml.elements import beyond_any_map, map_limit
 from workgauge.site.landxml.features import code_of, feature_codes
+from workgauge.site.landxml.heights import doubt_heights
 from workgauge.site.landxml.units import FileUnits
 from workgauge.site.model import SurfaceModel
 from workgauge.values.arrays import Floats, Ints, freeze
@@ -33,6 +34,8 @@ def read_surfaces(document: Document, units: FileUnits) -> list[SurfaceModel]:
         if definition is None or not blocks:
             document.warn("has no triangles and is left out", label(element), line_of(element))
             continue
+        if sum(1 for _ in children(element, "Definition")) > 1:
+            document.warn("has several definitions; the first is used", label(element), line_of(element))
         faces = [document.faces[f] for f in children(definition, "Faces") if f in document.faces]
         surface = _surface(document, units, element, definition, blocks, faces)
         if surface is not None:
@@ -51,22 +54,26 @@ def _surface(
     owner = label(element)
     ids = np.concatenate([b.ids for b in points])
     rows: Floats = np.concatenate([b.values for b in points])
+    rows_lines: Ints = np.concatenate([b.lines for b in points])
+    _check_size(document, units, owner, ids, rows, rows_lines)
     vertices = rows[:, [1, 0, 2]] * np.array([units.linear, units.linear, units.elevation])
-    largest = float(np.abs(vertices).max())
-    if largest > LARGEST_M:
-        raise document.error("coordinates beyond any map", element, value=largest, allowed=f"{LARGEST_M:g} m")
     empty = np.empty((0, 3), dtype=np.int64)
     named: Ints = np.concatenate([empty, *(b.values for b in face_blocks)])
     lines: Ints = np.concatenate([empty[:, 0], *(b.lines for b in face_blocks)])
     if not len(named):
         document.warn("has points but no faces and is left out", owner, line_of(element))
         return None
-    _check_ids(document, owner, ids, vertices, np.concatenate([b.lines for b in points]))
+    _check_ids(document, owner, ids, vertices, rows_lines)
     faces = _indices(document, owner, ids, named, lines)
     quads = sum(b.quads for b in face_blocks)
     if quads:
         document.warn(f"{quads} faces of four points are split in two", owner, line_of(element))
     faces, area = _upwards(document, owner, vertices, faces, line_of(element))
+    if not len(faces):
+        document.warn("has no face with an area and is left out", owner, line_of(element))
+        return None
+    used = np.unique(faces)
+    doubt_heights(document, units, vertices[used, 2], owner, line_of(element), lambda i: f"P id {ids[used[i]]}")
     stated = document.number(definition, "area2DSurf")
     invisible = sum(b.invisible for b in face_blocks)
     # The declared area is in the file's area unit, which is mostly but not always the square of its linear unit.
@@ -86,6 +93,21 @@ def _surface(
         properties=properties,
         source=Source(document.path.name, name, line_of(element)),
     )
+
+
+def _check_size(document: Document, units: FileUnits, owner: str, ids: Ints, rows: Floats, lines: Ints) -> None:
+    """Refuse coordinates that no map has."""
+    beyond = beyond_any_map(rows, units)
+    if beyond.any():
+        row = int(np.argmax(beyond.any(axis=1)))
+        raise SiteError(
+            "coordinates beyond any map",
+            file=document.path,
+            line=int(lines[row]) or None,
+            element=f"{owner}: P id {ids[row]}",
+            value=f"{rows[row][beyond[row]][0]:.9g}",
+            allowed=map_limit(units),
+        )
 
 
 def _check_ids(document: Document, owner: str, ids: Ints, vertices: Floats, lines: Ints) -> None:
