@@ -136,7 +136,12 @@ def test_files_are_merged(read, line):
     assert any(
         t == "site1.xml: taken to be in EPSG:3875 (ETRS89 / GK21FIN) like the other files" for t in site.warnings
     )
-    assert any("several alignments are called 'A'" in t for t in read(one, one).warnings)
+    twice = read(one, one.replace("</LandXML>", "<!-- a copy, changed --></LandXML>"))
+    assert [a.name for a in twice.alignments] == ["A", "A (2)"]
+    assert any(
+        "site1.xml:" in t and "several alignments are called 'A'; this one becomes 'A (2)'" in t
+        for t in twice.warnings
+    )
     wkt = html.escape(pyproj.CRS.from_epsg(3875).to_wkt(), quote=True)
     assert len(read(one, line(f'<CoordinateSystem ogcWktCode="{wkt}"/>', name="C")).alignments) == 2
     with pytest.raises(SiteError, match=r"different coordinate systems.*EPSG:3879.*EPSG:3875"):

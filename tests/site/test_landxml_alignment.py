@@ -256,7 +256,10 @@ def test_elements_that_say_nonsense_are_refused_with_file_and_line(tools, read, 
 
 BAD_ARCS = {
     "centre": (lambda t: re.sub("<Center>[^<]*", "<Center>6783000 21530000", t), "not equally far"),
-    "no centre": (lambda t: re.sub("<Center>.*</Center>", "", t).replace("radius=", "was="), "Center or a radius"),
+    "no centre": (
+        lambda t: re.sub("<Center>.*</Center>", "", t).replace("radius=", "was="),
+        "needs a Center, a radius or a PI",
+    ),
     "radius": (lambda t: re.sub("<Center>.*</Center>", "", t).replace("300.0", "40.0"), "radius too small"),
 }
 
@@ -310,8 +313,72 @@ def test_names_are_found_and_the_known_ones_told(tools, read):
         w.document(w.alignment(line, name="  A1 "), w.alignment(line, name="A1"), w.alignment(line, name="B"))
     )
     assert site.alignment("B ").name == "B"
-    with pytest.raises(SiteError, match=r"no such alignment.*found C; allowed: 'A1', 'A1', 'B'"):
+    with pytest.raises(SiteError, match=r"no such alignment.*found C; allowed: 'A1', 'A1 \(2\)', 'B'"):
         site.alignment("C")
-    with pytest.raises(SiteError, match="several"):
-        site.alignment("A1")
-    assert any("several alignments are called 'A1'" in t for t in site.warnings)
+    assert site.alignment("A1") is site.alignments[0]
+    assert site.alignment("A1 (2)") is site.alignments[1]
+    assert any("several alignments are called 'A1'; this one becomes 'A1 (2)'" in t for t in site.warnings)
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+@pytest.mark.parametrize("angle", [0.2, 2.5, 4.5])
+def test_an_arc_by_its_ends_and_tangent_point_alone(tools, read, turn, angle):
+    w = tools.Writer()
+    item = PlanElement("curve", Law.CONSTANT, (0.0, 0.0), 1.0, 100 * angle, turn / 100, turn / 100)
+    reach = 100 * math.tan(angle / 2)
+    pi = w.place("PI", reach * math.cos(1.0), reach * math.sin(1.0))
+    text = re.sub("<Center>.*</Center>", pi, w.element(item)).replace("radius=", "was=")
+    site = read(w.document(w.alignment(text)))
+    assert site.warnings == ()
+    assert same_place(site.alignments[0], tools.build([item]), np.linspace(0, 100 * angle - 1e-5, 100), 1e-5)
+    assert site.alignments[0].at(1.0).curvature[0] == pytest.approx(turn / 100)
+
+
+BAD_TANGENTS = {
+    "uneven": (
+        lambda w, t: re.sub("<PI>[^<]*", w.place("PI", 9.0, 3.0)[:-5], t),
+        "start and end are not equally far from the PI",
+    ),
+    "wrong way": (lambda w, t: t.replace("ccw", "cw"), "rot contradicts the PI"),
+    "straight": (
+        lambda w, t: re.sub(
+            "<PI>[^<]*", w.place("PI", 25.0, 0.0)[:-5], re.sub("<End>[^<]*", w.place("End", 50.0, 0.0)[:-6], t)
+        ),
+        "its PI lies on its chord",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_TANGENTS)
+def test_tangent_points_that_make_no_arc_are_refused(tools, read, case):
+    change, message = BAD_TANGENTS[case]
+    w = tools.Writer()
+    item = PlanElement("curve", Law.CONSTANT, (0.0, 0.0), 0.0, 50.0, 0.01, 0.01)
+    pi = w.place("PI", 100 * math.tan(0.25), 0.0)
+    text = re.sub("<Center>.*</Center>", pi, w.element(item)).replace("radius=", "was=")
+    with pytest.raises(SiteError, match=rf"site0\.xml:\d+: Alignment 'Track 1': Curve: {message}"):
+        read(w.document(w.alignment(change(w, text))))
+
+
+def test_elements_out_of_order_are_refused_as_a_gap(tools, read):
+    w = tools.Writer()
+    texts = [w.element(e) for e in tools.track()]
+    with pytest.raises(SiteError, match="gap before this element"):
+        read(w.document(w.alignment(texts[1], texts[0], *texts[2:])))
+
+
+def test_alignments_without_a_first_station_begin_at_0(tools, read):
+    w = tools.Writer()
+    line = w.element(tools.chain(("line", Law.CONSTANT, 100.0, 0, 0))[0])
+    site = read(w.document(w.alignment(line).replace(' staStart="0"', "")))
+    assert site.alignments[0].station_start == 0.0
+    assert any("has no staStart; stations begin at 0" in t for t in site.warnings)
+
+
+def test_lines_whose_ends_are_references(tools, read):
+    w = tools.Writer()
+    points = '<CgPoint name="1">6783000 21530000</CgPoint><CgPoint name=" 2 ">6783040 21530030</CgPoint>'
+    line = '<Line><Start pntRef="1"/><End pntRef="2"/></Line>'
+    assert read(w.document(f"<CgPoints>{points}</CgPoints>", w.alignment(line))).alignments[
+        0
+    ].length == pytest.approx(50)

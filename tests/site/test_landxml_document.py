@@ -83,7 +83,9 @@ def test_an_entity_that_nobody_declared_is_refused(read, good):
         ("   \n", r"site0\.xml:2: not XML"),
         ("This is a letter.\n", r"site0\.xml:1: not XML"),
         (b"\x00\x01\x02\xff\xfe", r"site0\.xml:1: not XML"),
-        (b"PK\x03\x04 a zip", r"site0\.xml:1: not XML"),
+        (b"PK\x03\x04 a zip", r"site0\.xml: is compressed \(zip\); unpack it first"),
+        (b"\x1f\x8b\x08 LandXML", r"site0\.xml: is compressed \(gzip\); unpack it first"),
+        ("ISO-10303-21;\nHEADER;", r"site0\.xml: is an IFC or other STEP file, which is not read"),
         (
             "<kml xmlns='http://www.opengis.net/kml/2.2'/>",
             r"site0\.xml:1: wrong root element \(found kml; allowed: LandXML",

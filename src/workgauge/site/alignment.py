@@ -91,6 +91,20 @@ class Alignment:
     def __repr__(self) -> str:
         return f"Alignment({self.name!r}, length={self.length:.3f})"
 
+    def renamed(self, name: str) -> "Alignment":
+        """Return the same alignment under another name."""
+        return Alignment(
+            name=name,
+            source=self.source,
+            plan=self.plan,
+            desc=self.desc,
+            codes=self.codes,
+            profile=self.profile,
+            cant=self.cant,
+            stationing=self.stationing,
+            declared_length=self.declared_length,
+        )
+
     @property
     def length(self) -> float:
         """Summed length of the evaluated elements [m]."""
