@@ -67,6 +67,24 @@ def test_site_takes_several_files_and_a_place(cli, shipped: Path) -> None:
     assert any(cause["limit"] == "point:P1-12" for cause in together.data["interventions"])
 
 
+def test_options_replace_what_a_scenario_says(cli, shipped: Path, tmp_path: Path) -> None:
+    plain = cli.workgauge("run", "--scenario", "pole-approach", "--json").data
+    same = cli.workgauge(
+        "run", "--scenario", "pole-approach", "--machine", "rre20", "--guard", "linear", "--json"
+    ).data
+    assert {**plain, "tick_ms": 0} == {**same, "tick_ms": 0}
+    folder = tmp_path / "other"
+    other = cli.workgauge(
+        *("run", "--scenario", "pole-approach", "--machine", "sun-a", "--rules", "generic"),
+        *("--site", shipped / "catenary.xml", shipped / "terrain.xml"),
+        *("--at", "25487293.0,6714591.0,42", "--report", folder, "--json"),
+    ).data
+    assert other["entries"] == 0
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "(sun-a)" in page and "generic" in page and "tracks.xml" not in page
+    assert "on the rails" not in page
+
+
 def test_as_a_program_json_is_all_there_is_on_stdout(write) -> None:
     scenario = write(SHORT, "short.yaml")
     done = subprocess.run(

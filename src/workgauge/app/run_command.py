@@ -13,7 +13,7 @@ from workgauge.app.output import facts, input_errors_exit_2, print_json, stderr,
 from workgauge.app.site_commands import Epsg, Json
 from workgauge.rehearse.result import RunResult
 from workgauge.rehearse.run import Progress, default_drive, drive_at_anything, open_session, run_session
-from workgauge.rehearse.scenario import Step
+from workgauge.rehearse.scenario import OnGround, Step
 from workgauge.rehearse.scenario_file import load_scenario
 from workgauge.rehearse.session import Session
 from workgauge.report.page import write_report
@@ -50,7 +50,7 @@ def run_command(
     ] = None,
     scenario: Annotated[
         str | None,
-        typer.Option(metavar="S", help="A shipped scenario, or a file; says site, machine and drive itself."),
+        typer.Option(metavar="S", help="A shipped scenario, or a file."),
     ] = None,
     guard: Annotated[str | None, typer.Option(metavar="G", help="The guard.", show_default="linear")] = None,
     at: Annotated[
@@ -66,17 +66,20 @@ def run_command(
     """Drive a simulated machine at its limits and say what held it.
 
     With --site and --at, the machine swings to the nearest pole (or the nearest limit of any kind), drives its tool
-    straight at it until it is stopped, and comes back. With --scenario, it does what the scenario says.
+    straight at it until it is stopped, and comes back. With --scenario, it does what the scenario says; the other
+    options then replace what it says of them.
     """
-    if site and scenario:
-        raise typer.BadParameter("give either --site or --scenario", param_hint="--scenario")
-    if site:
+    if site and not scenario:
         session, steps, words, said = _at_a_place(site, machine, rules, guard, at, epsg)
     else:
-        for name, value in (("--at", at), ("--machine", machine), ("--rules", rules), ("--epsg", epsg)):
-            if value is not None:
-                raise typer.BadParameter(f"the scenario says this; {name} needs --site", param_hint=name)
-        session, steps, words, said = _by_scenario(scenario or DEFAULT_SCENARIO, guard)
+        place = None if at is None else parse_place(at)
+        ground = None if place is None else OnGround(east_m=place[0], north_m=place[1], heading_deg=place[2])
+        loaded = load_scenario(scenario or DEFAULT_SCENARIO).choosing(
+            site_files=site or (), machine=machine, rules=rules, guard=guard, place=ground, epsg=epsg
+        )
+        session, steps = open_session(loaded), loaded.scenario.drive
+        words = loaded.scenario.title, loaded.scenario.description
+        said = {"scenario": loaded.file.stem}
     result = _watched(session, steps, words, said, headless or as_json, speed)
     page = None if report is None else write_report(result, report)
     if as_json:
@@ -105,21 +108,6 @@ def _at_a_place(
             raise ScenarioError("no limit near the machine to drive at", element="--at", value=at)
     description = "The machine swings to the nearest limit, drives its tool straight at it, stands, and comes back."
     return session, steps, ("Rehearsal at a place of the site", description), {}
-
-
-def _by_scenario(name: str, guard: str | None) -> _Prepared:
-    """Return the session and drive of a scenario."""
-    loaded = load_scenario(name)
-    if guard is not None and guard != loaded.scenario.guard.name:
-        choice = loaded.scenario.guard.model_copy(update={"name": guard})
-        loaded = loaded.with_guard(choice)
-    scenario = loaded.scenario
-    return (
-        open_session(loaded),
-        scenario.drive,
-        (scenario.title, scenario.description),
-        {"scenario": loaded.file.stem},
-    )
 
 
 def _watched(

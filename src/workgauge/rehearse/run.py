@@ -79,22 +79,18 @@ def open_session(loaded: LoadedScenario) -> Session:
         InputError: if anything in it cannot be used.
     """
     scenario = loaded.scenario
-    start = scenario.start
-    place = start.on_track or start.on_ground
-    assert place is not None, "a start has exactly one place"
-    posture = {name: math.radians(value) for name, value in start.posture_deg.items()} | start.posture_m
     try:
         return Session(
             site=list(loaded.site_files),
             machine=loaded.machine,
             rules=loaded.rules,
             guard=scenario.guard.name,
-            at=place,
-            posture=posture,
+            at=loaded.place,
+            posture=loaded.posture,
             attachment=scenario.attachment,
             guard_parameters=scenario.guard.parameters,
             tick_s=scenario.tick_ms * 1e-3,
-            epsg=scenario.site.epsg,
+            epsg=loaded.epsg,
         )
     except ScenarioError as error:
         if error.file is not None:

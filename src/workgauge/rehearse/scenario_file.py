@@ -1,6 +1,7 @@
 """Reading scenario files: YAML with line numbers, checked, every path in it made absolute."""
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from workgauge.rehearse.scenario import GuardChoice, Scenario
+from workgauge.rehearse.scenario import GuardChoice, OnGround, OnTrack, Scenario
 from workgauge.rehearse.shipped import shipped_names, shipped_path, shipped_site_files
 from workgauge.values.errors import ScenarioError
 
@@ -18,17 +19,54 @@ MAX_BYTES = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class LoadedScenario:
-    """A scenario with its file and every path in it made absolute."""
+    """A scenario with its file and every path in it made absolute.
+
+    Attributes:
+        scenario: as written. file: where it stands.
+        site_files, machine, rules, place, epsg: what it says, or what was chosen instead.
+        posture: joint name to position [rad, m]; None for a posture found at the place.
+    """
 
     scenario: Scenario
     file: Path
     site_files: tuple[Path, ...]
     machine: str | Path
     rules: str | Path
+    place: OnTrack | OnGround
+    epsg: int | None
+    posture: Mapping[str, float] | None
 
-    def with_guard(self, guard: GuardChoice) -> "LoadedScenario":
-        """Return the same scenario under another guard."""
-        return replace(self, scenario=self.scenario.model_copy(update={"guard": guard}))
+    def choosing(
+        self,
+        *,
+        site_files: Sequence[Path] = (),
+        machine: str | Path | None = None,
+        rules: str | Path | None = None,
+        guard: str | None = None,
+        place: OnGround | None = None,
+        epsg: int | None = None,
+    ) -> "LoadedScenario":
+        """Return the same scenario with these choices instead of its own.
+
+        Its start posture belongs to its machine and place: with another of either, one is found there. A guard of
+        another name comes with its own parameters.
+        """
+        scenario = self.scenario
+        machine = None if machine == self.machine else machine
+        if guard is not None and guard != scenario.guard.name:
+            scenario = scenario.model_copy(update={"guard": GuardChoice(name=guard)})
+        if machine is not None:
+            scenario = scenario.model_copy(update={"attachment": None})
+        return replace(
+            self,
+            scenario=scenario,
+            site_files=tuple(site_files) or self.site_files,
+            machine=machine or self.machine,
+            rules=rules or self.rules,
+            place=place or self.place,
+            epsg=epsg if epsg is not None else None if site_files else self.epsg,
+            posture=self.posture if machine is None and place is None and not site_files else None,
+        )
 
 
 def load_scenario(name_or_path: str | Path) -> LoadedScenario:
@@ -62,8 +100,18 @@ def load_scenario(name_or_path: str | Path) -> LoadedScenario:
         site_files = shipped_site_files(scenario.site.shipped)
     else:
         site_files = tuple(beside(text, f"site.files.{i}") for i, text in enumerate(scenario.site.files or ()))
+    start = scenario.start
+    place = start.on_track or start.on_ground
+    assert place is not None, "a start has exactly one place"
     return LoadedScenario(
-        scenario, path, site_files, choice(scenario.machine, "machine"), choice(scenario.rules, "rules")
+        scenario=scenario,
+        file=path,
+        site_files=site_files,
+        machine=choice(scenario.machine, "machine"),
+        rules=choice(scenario.rules, "rules"),
+        place=place,
+        epsg=scenario.site.epsg,
+        posture={name: math.radians(value) for name, value in start.posture_deg.items()} | start.posture_m,
     )
 
 
