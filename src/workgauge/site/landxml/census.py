@@ -6,7 +6,7 @@ from workgauge.site.landxml.blocks import line_of
 from workgauge.site.landxml.document import Document, Element, local
 
 #: By element, which elements inside it are read; what stands in neither table is counted as not read.
-_READ: dict[str, tuple[str, ...]] = {
+READ: dict[str, tuple[str, ...]] = {
     "LandXML": ("Units", "CoordinateSystem", "Alignments", "Surfaces", "CgPoints", "PlanFeatures", "PipeNetworks"),
     "Alignments": ("Alignment",),
     "Alignment": ("CoordGeom", "Profile", "Cant", "StaEquation"),
@@ -69,11 +69,11 @@ def count_unread(document: Document) -> dict[str, int]:
 
 
 def _unread(element: Element) -> Iterator[Element]:
-    read = _READ.get(local(element), ())
+    read = READ.get(local(element), ())
     for inner in element:
         name = local(inner)
         if name in read or name in _FRAMES:
-            if name in _READ:
+            if name in READ:
                 yield from _unread(inner)
         elif name not in NOT_OF_THE_SITE:
             yield from _singles(inner)

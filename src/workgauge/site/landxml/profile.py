@@ -7,6 +7,7 @@ import numpy as np
 
 from workgauge.site.landxml.blocks import line_of
 from workgauge.site.landxml.document import Document, Element, children, label, local
+from workgauge.site.landxml.elements import LARGEST_M
 from workgauge.site.landxml.heights import doubt_heights
 from workgauge.site.landxml.numbers import LARGEST
 from workgauge.site.landxml.units import FileUnits
@@ -67,8 +68,10 @@ def read_profile(
 
 def _point(document: Document, units: FileUnits, element: Element, start: float) -> VerticalPoint:
     station, height = document.numbers(element, (2,))
-    if max(abs(station), abs(height)) > LARGEST:
-        raise document.error("station or height is too large", element, value=element.text, allowed=f"{LARGEST:g}")
+    highest = LARGEST_M / units.elevation
+    if abs(station) > LARGEST or abs(height) > highest:
+        allowed = f"at most {LARGEST:g} and {highest:.3g} either way"
+        raise document.error("station or height is too large", element, value=element.text, allowed=allowed)
     kind = local(element)
     curve = {"CircCurve": VerticalCurve.CIRCLE, "ParaCurve": VerticalCurve.PARABOLA}.get(kind, VerticalCurve.NONE)
     radius: float | None = None
