@@ -57,7 +57,7 @@ lock: $(VENV)/.python
 	$(VENV)/bin/uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
 	    --python-version 3.11 --extra test -c requirements.lock pyproject.toml scripts/build.in -o requirements-test.lock
 	$(VENV)/bin/uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
-	    --python-version 3.11 --extra test --extra bench -c requirements-test.lock pyproject.toml scripts/build.in \
+	    --python-version 3.11 --extra test --extra bench --extra docs -c requirements-test.lock pyproject.toml scripts/build.in \
 	    -o requirements-bench.lock
 
 clean:
