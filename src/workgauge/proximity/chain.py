@@ -5,8 +5,8 @@ along that cell's axis into the cell's cross-section. The depth is the least dis
 direction for all cells, that frees every part from its cell's section; at a free end, the way along the chain to that
 end if that is shorter. In a straight chain this is exactly the least translation out of the one long prism, wherever
 the joints lie. Where cells meet, the part of a box in a cell it has just reached is contained in the part in the cell
-it came from, so the depth is continuous there. Along a curve the cells' frames differ by their angles, and so
-the depth by a little: at first contact with 2.5 m cells, 400 random boxes of up to 6 m found 0 to 13 mm at a radius of
+it came from, so the depth is continuous there. Along a curve the cells' frames differ by their angles, and so the
+depth by a little: at first contact with 2.5 m cells, 400 random boxes of up to 6 m found 0 to 13 mm at a radius of
 250 m and 0 to 6 mm at 600 m.
 
 Where a chain bends by more than 3 degrees at one joint (pipes, cables), the straight pieces are judged one by one and

@@ -171,7 +171,7 @@ class Scene:
         pairs = zip(solids.tolist(), limits.tolist(), cells.tolist(), bounds.tolist(), strict=True)
         solid = limit = -1
         touching_m, best = 0.0, radius_m
-        touched: list[int] = []
+        touched: list[tuple[int, Floats]] = []
         row: _Row | None = None
         for s, i, cell, bound in pairs:
             if s != solid or i != limit:
@@ -183,23 +183,23 @@ class Scene:
                 continue
             distance = measure(self._shapes.placed(cell), placed[s], result)
             if distance <= touching_m:
-                touched.append(cell)
+                touched.append((cell, direction_and_point(result)[0]))
             if distance < best:
                 best = distance
                 row = s, i, self._indices[cell], -1, distance, *direction_and_point(result)
         if row is not None:
             rows.append(self._overlap(boxes, solid, limit, touched) if touched else row)
 
-    def _overlap(self, boxes: OrientedBoxes, s: int, i: int, touched: list[int]) -> _Row:
-        """Measure anew, by other means, a solid that touches cells of one limit."""
-        touched = sorted(touched)
-        indices = [self._indices[cell] for cell in touched]
+    def _overlap(self, boxes: OrientedBoxes, s: int, i: int, touched: list[tuple[int, Floats]]) -> _Row:
+        """Measure anew, by other means, a solid that touches cells of one limit, in directions coal suggests."""
+        touched = sorted(touched, key=operator.itemgetter(0))
+        indices = [self._indices[cell] for cell, _ in touched]
         if indices[0] >= 0:
             found = penetrate(self._shapes.chain(i), indices, boxes.axes[s], boxes.centres[s], boxes.halves[s])
             if found is not None:
                 return s, i, found.cell, -1, -found.depth, found.normal, found.point_machine
         solid = box_polyhedron(boxes, s)
-        measured = [signed_distance(self._shapes.polyhedron(cell), solid) for cell in touched]
+        measured = [signed_distance(self._shapes.polyhedron(cell), solid, u) for cell, u in touched]
         nearest = min(range(len(touched)), key=lambda k: measured[k][0])
         distance, u, on_machine = measured[nearest]
         return s, i, indices[nearest], -1, distance - self._radii[i], u, on_machine
@@ -233,10 +233,9 @@ class Scene:
             distance = measure(placed[other], placed[mover], result)
             if distance >= radius_m:
                 continue
+            u, point = direction_and_point(result)
             if distance <= TOUCHING_M:
-                distance, u, point = signed_distance(box_polyhedron(boxes, other), box_polyhedron(boxes, mover))
-            else:
-                u, point = direction_and_point(result)
+                distance, u, point = signed_distance(box_polyhedron(boxes, other), box_polyhedron(boxes, mover), u)
             link = self._links[other]
             rows.append((mover, len(self.limits) + link, other, link, distance, u, point))
 
