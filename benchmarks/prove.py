@@ -288,7 +288,9 @@ def main() -> int:
     with multiprocessing.get_context("spawn").Pool(2) as pool:
         for proof in PROOFS:
             with console.status(proof.__doc__ or proof.__name__):
-                rows.append(proof(options.scale, pool))
+                row = proof(options.scale, pool)
+            console.print(f"{row.never}: {row.happened} of {row.tried:,}; {row.worst} ({row.seconds:.0f} s)")
+            rows.append(row)
     if options.json:
         print(json.dumps({"rows": [asdict(row) for row in rows]}))
     else:
