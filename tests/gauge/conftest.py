@@ -157,6 +157,23 @@ class Oracle:
         return best
 
 
+def in_chain(chain: Any, points: Any) -> Any:
+    """Whether each point lies in some cell of a chain, by its documented coordinates."""
+    found = np.zeros(len(points), dtype=bool)
+    for cell in range(len(chain)):
+        lateral, span = chain.laterals[cell], chain.ends[cell] - chain.starts[cell]
+        forward = np.array([lateral[1], -lateral[0], 0.0])
+        gap = points - chain.starts[cell]
+        share = gap @ forward / (span @ forward)
+        y, z = gap @ lateral, gap[:, 2] - share * span[2]
+        here = (share >= 0) & (share <= 1)
+        ring = chain.sections[cell]
+        for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+            here &= (b[0] - a[0]) * (z - a[1]) - (b[1] - a[1]) * (y - a[0]) >= 0
+        found |= here
+    return found
+
+
 def uic(k: float) -> tuple[float, float]:
     """Return S_in, S_out at an unsigned curvature, by the page of formulas."""
     if k <= 1 / 250:
@@ -176,6 +193,7 @@ def make() -> Any:
         surface = staticmethod(surface_of)
         oracle = Oracle
         uic = staticmethod(uic)
+        in_chain = staticmethod(in_chain)
         origin = ORIGIN
         real = REAL
         shipped = SHIPPED

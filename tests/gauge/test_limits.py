@@ -73,7 +73,8 @@ def tracks(draw, smallest=150.0):
             cant += [(d, 0.0), (d + ramp, lift), (d + ramp + length, lift), (d + 2 * ramp + length, 0.0)]
         d = cant[-1][0]
     grades = draw(st.floats(-0.02, 0.02)), draw(st.floats(-0.02, 0.02))
-    profile = [(0.0, 80.0), (d / 2, 80 + grades[0] * d / 2, 300.0), (d, 80 + (grades[0] + grades[1]) * d / 2)]
+    round_ = min(300.0, 20.0 * d)  # the vertical curve fits
+    profile = [(0.0, 80.0), (d / 2, 80 + grades[0] * d / 2, round_), (d, 80 + (grades[0] + grades[1]) * d / 2)]
     return elements, cant, profile
 
 

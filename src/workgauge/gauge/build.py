@@ -2,13 +2,18 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from workgauge.gauge.chain import LEAST_PAD, prism_chain
-from workgauge.gauge.match import Feature, rule_for
+from workgauge.gauge.chain import prism_chain
+from workgauge.gauge.curtains import track_curtain
+from workgauge.gauge.heights import Origin, SiteHeights
+from workgauge.gauge.madeup import MadeUpHeights, counted, listed
+from workgauge.gauge.makers import SolidMaker
+from workgauge.gauge.match import Feature, kind_of, rule_for
 from workgauge.gauge.rules import (
     BoxBlock,
     BoxZone,
@@ -23,19 +28,16 @@ from workgauge.gauge.rules import (
     WireAboveRailBlock,
     WireBlock,
 )
-from workgauge.gauge.solids import cylinder, one_sided, prism, tube, upright_box, wire_chain
-from workgauge.gauge.trackline import Ground
-from workgauge.gauge.tracks import clearances, track_sections, track_shape, wire_section
+from workgauge.gauge.solids import one_sided, prism, upright_box
+from workgauge.gauge.trackline import filled_line, flat_line
+from workgauge.gauge.tracknames import track_names
+from workgauge.gauge.tracks import track_sections, track_shape, wire_section
 from workgauge.geodesy.frame import SiteFrame
 from workgauge.site.alignment import Alignment
 from workgauge.site.model import LineFeature, PointFeature, SiteModel, SurfaceModel
-from workgauge.values.arrays import Floats
 from workgauge.values.errors import RuleError
 from workgauge.values.limits import Activity, Limit, LimitKind, Source
-from workgauge.values.solids import Solid
-
-#: How many names a warning spells out.
-NAMED = 5
+from workgauge.values.solids import Box, PrismChain, Solid, Surface, Tube
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,88 +91,69 @@ class _Builder:
         self.origin = frame.origin
         self.limits: list[Limit] = []
         self.warnings: list[str] = []
+        self.own_names = {id(alignment): name for alignment, name in track_names(site)}
+        self._curtains: list[Callable[[], None]] = []
         self._ids: Counter[str] = Counter()
         self._unmatched: dict[str, list[str]] = {}
-        self._left_out: Counter[str] = Counter()
-        self._heightless: dict[str, list[str]] = {}
-        self._ground: Ground | None = None
-
-    @property
-    def ground(self) -> Ground:
-        """Heights for features that have none, made when first needed."""
-        if self._ground is None:
-            self._ground = Ground(self.site, self.book.height_without_profile)
-        return self._ground
+        self._left_out: dict[str, list[str]] = {}
+        self._made_up = MadeUpHeights()
+        self.heights = SiteHeights(site, book)
+        self._solids = SolidMaker(book, self.heights, self.origin, self._made_up)
 
     def feature(self, feature: Feature, name: str, source: Source, make: Callable[..., None]) -> None:
         """Find the feature's rule and make its limits."""
-        rule = rule_for(self.book, feature)
+        rule = rule_for(self.book, feature, self.site.surfaces)
         if rule is None:
-            kind = {Alignment: "alignment", LineFeature: "line", PointFeature: "point"}.get(type(feature), "surface")
-            self._unmatched.setdefault(kind, []).append(name.strip())
+            self._unmatched.setdefault(kind_of(feature), []).append(name.strip())
             return
         if not rule.limits:
-            self._left_out[rule.name] += 1
+            self._left_out.setdefault(rule.name, []).append(name.strip())
         for block in rule.limits:
             make(feature, rule, block, source)
 
     def alignment(self, alignment: Alignment, rule: Rule, block: LimitBlock, source: Source) -> None:
         """Make a track, or the overhead line above one."""
-        line, warning = self.ground.track_line(alignment, self.origin)
-        if warning is not None and warning not in self.warnings:
-            self.warnings.append(warning)
-        chainage, name = (0.0, line.length), alignment.name.strip()
+        filled = filled_line(alignment, self.heights, self.origin, self.book.rail_above_surface_m)
+        line, name = filled.line, alignment.name.strip()
+        chainage = (0.0, line.length)
+        for origin, used in filled.used.items():
+            self._made_up.see("alignment", alignment, origin, [] if origin is Origin.UNKNOWN else used.tolist())
         if isinstance(block, WireAboveRailBlock):
+            if filled.unknown:
+                raise _no_height(alignment, filled.unknown[0], self.heights.within)
             section = wire_section(block, self.book, alignment)
             chain = prism_chain(line, section, self.book.accuracy_m)
             self._add(LimitKind.OVERHEAD_LINE, name, chain, rule, block, source, chainage)
         elif isinstance(block, TrackBlock):
-            shape = track_shape(block, self.book, alignment)
-            for envelope in track_sections(shape, line, self.book):
+            own = self.own_names[id(alignment)]
+            sections = track_sections(track_shape(block, self.book, alignment), line, self.book)
+            for envelope in sections:
                 chain = prism_chain(line, envelope, self.book.accuracy_m)
-                self._add(LimitKind.TRACK, name, chain, rule, block, source, chainage, own_track_of=alignment.name)
+                self._add(LimitKind.TRACK, name, chain, rule, block, source, chainage, own_track_of=own)
+            for span in filled.unknown:
+                self._curtains.append(partial(self._curtain, alignment, rule, block, own, span))
+
+    def _curtain(
+        self, alignment: Alignment, rule: Rule, block: TrackBlock, own: str, span: tuple[float, float]
+    ) -> None:
+        """Guard a stretch of a track at every height."""
+        line = flat_line(alignment, self.origin, (self.heights.low + self.heights.high) / 2, span)
+        sections = track_sections(track_shape(block, self.book, alignment), line, self.book)
+        chain = track_curtain(line, sections, self.heights, span, self.book.accuracy_m)
+        name = alignment.name.strip()
+        self._add(LimitKind.TRACK, name, chain, rule, block, alignment.source, span, own_track_of=own)
 
     def line(self, line: LineFeature, rule: Rule, block: LimitBlock, source: Source) -> None:
         """Make an overhead line's no-go region, or a tube."""
-        axis = self._filled(line.points, "lines", line.name) - self.origin
         if isinstance(block, WireBlock):
-            below, side = clearances(block.voltage, block.below_m, block.side_m, self.book)
-            solid: Solid = wire_chain(axis, below, side, block.above_m)
-            self._add(LimitKind.OVERHEAD_LINE, line.name, solid, rule, block, source)
+            self._add(LimitKind.OVERHEAD_LINE, line.name, self._solids.wire(line, block), rule, block, source)
         elif isinstance(block, TubeBlock):
-            diameter = line.diameter_m if line.diameter_m is not None else block.diameter_m
-            if diameter is None:
-                raise RuleError(
-                    "the line has no diameter and the rule none for it",
-                    file=source.file,
-                    line=source.line,
-                    element=f"line {line.name!r}, rule {rule.name!r}",
-                    allowed="diameter_m in the rule",
-                )
-            if diameter / 2 + block.clearance_m <= 0:
-                raise RuleError(
-                    "the tube round the line has no thickness",
-                    file=source.file,
-                    line=source.line,
-                    element=f"line {line.name!r}, rule {rule.name!r}",
-                    value=diameter,
-                    allowed="a diameter or a clearance above 0",
-                )
-            solid = tube(axis, diameter / 2 + block.clearance_m + LEAST_PAD)
-            self._add(LimitKind.LINE, line.name, solid, rule, block, source)
+            self._add(LimitKind.LINE, line.name, self._solids.pipe(line, rule, block), rule, block, source)
 
     def point(self, point: PointFeature, rule: Rule, block: LimitBlock, source: Source) -> None:
         """Make the solid of a point feature."""
-        foot = self._filled(point.position[None], "points", point.name)[0] - self.origin
-        if isinstance(block, CylinderBlock):
-            up = np.array([0.0, 0.0, block.base_offset_m])
-            solid: Solid = cylinder(foot + up, block.radius_m, block.height_m)
-            self._add(LimitKind.POINT, point.name, solid, rule, block, source)
-        elif isinstance(block, BoxBlock):
-            centre = foot + np.array([0.0, 0.0, block.base_offset_m + block.height_m / 2])
-            size = (block.length_m + 2 * LEAST_PAD, block.width_m + 2 * LEAST_PAD, block.height_m + 2 * LEAST_PAD)
-            solid = upright_box(centre, *size, math.radians(block.heading_deg))
-            self._add(LimitKind.POINT, point.name, solid, rule, block, source)
+        if isinstance(block, CylinderBlock | BoxBlock):
+            self._add(LimitKind.POINT, point.name, self._solids.post(point, block), rule, block, source)
 
     def surface(self, surface: SurfaceModel, rule: Rule, block: LimitBlock, source: Source) -> None:
         """Make a one-sided surface."""
@@ -194,29 +177,14 @@ class _Builder:
         self._add(LimitKind.ZONE, name, solid, rule, zone, source)
 
     def finish(self) -> None:
-        """Say what became no limit, and what heights were made up."""
+        """Make what comes last, and say what became no limit and what heights were made up."""
+        for make in self._curtains:
+            make()
         for kind, names in self._unmatched.items():
-            self.warnings.append(f"{_counted(len(names), kind)} without a rule became no limit: {_listed(names)}")
-        for rule, count in self._left_out.items():
-            self.warnings.append(f"rule {rule!r} leaves out {_counted(count, 'feature')}")
-        for kind, names in self._heightless.items():
-            how = self.book.height_without_profile
-            used = "the nearest surface's" if how == "nearest_surface" else f"{how:.3f} m"
-            self.warnings.append(f"{len(names)} {kind} have no height, used {used}: {_listed(names)}")
-
-    def _filled(self, points: Floats, kind: str, name: str) -> Floats:
-        """Return absolute points (n, 3) with heights where the file has none."""
-        missing = np.isnan(points[:, 2])
-        if not missing.any():
-            return points
-        self._heightless.setdefault(kind, []).append(name)
-        filled = np.array(points)
-        if missing.all():
-            filled[:, 2] = self.ground.heights(points[:, :2])
-        else:
-            along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T))])
-            filled[missing, 2] = np.interp(along[missing], along[~missing], points[~missing, 2])
-        return filled
+            self.warnings.append(f"{counted(len(names), kind)} without a rule became no limit: {listed(names)}")
+        for rule, names in self._left_out.items():
+            self.warnings.append(f"rule {rule!r} leaves out {counted(len(names), 'feature')}: {listed(names)}")
+        self.warnings += self._made_up.warnings(self.heights)
 
     def _add(
         self,
@@ -229,6 +197,14 @@ class _Builder:
         chainage: tuple[float, float] | None = None,
         own_track_of: str | None = None,
     ) -> None:
+        if not _finite(solid):
+            raise RuleError(
+                "the limit would have places that are no numbers",
+                file=source.file,
+                line=source.line,
+                element=f"{kind.value} {name!r}, rule {rule.name!r}",
+                allowed="finite coordinates and heights",
+            )
         key = f"{kind.value}:{name}"
         self._ids[key] += 1
         while (number := self._ids[key]) > 1 and self._ids[f"{key}#{number}"]:
@@ -254,10 +230,22 @@ class _Builder:
         )
 
 
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+def _no_height(alignment: Alignment, span: tuple[float, float], within: float) -> RuleError:
+    return RuleError(
+        "the height of the rails, and so of the wire above them, is unknown",
+        file=alignment.source.file,
+        line=alignment.source.line,
+        element=f"alignment {alignment.name.strip()!r} from {span[0]:.3f} to {span[1]:.3f} m",
+        allowed=f"a profile, a surface there, or another profile within {within:g} m (height_from_profile_within_m)",
+    )
 
 
-def _listed(names: Sequence[str]) -> str:
-    shown = ", ".join(repr(name) for name in names[:NAMED])
-    return shown if len(names) <= NAMED else f"{shown} and {len(names) - NAMED} more"
+def _finite(solid: Solid) -> bool:
+    """Return whether every number of a solid is one."""
+    if isinstance(solid, Box):
+        return bool(np.isfinite(solid.T_frame_box).all())
+    if isinstance(solid, PrismChain):
+        return all(bool(np.isfinite(part).all()) for part in (solid.starts, solid.ends, solid.sections))
+    if isinstance(solid, Surface):
+        return bool(np.isfinite(solid.vertices[solid.faces]).all())
+    return bool(np.isfinite(solid.axis if isinstance(solid, Tube) else solid.vertices).all())

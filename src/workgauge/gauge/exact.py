@@ -20,7 +20,7 @@ ASIDE = 2e-6
 #: Points found farther outside than this are looked at along the track too [m].
 WORTH_A_LOOK = 0.03
 #: Points are worked on this many at a time.
-BATCH = 200_000
+BATCH = 20_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,7 +1,7 @@
 """Which rule has which feature: conditions of the rule book against names, codes and groups of the site model."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import TypeAlias
@@ -69,13 +69,21 @@ def matches(match: Match, given: Traits) -> bool:
     )
 
 
-def rule_for(book: RuleBook, feature: Feature) -> Rule | None:
-    """Return the first rule of the book that is for this feature, or None."""
-    given, kind = traits(feature), _kind(feature)
-    return next((rule for rule in book.rules if rule.feature == kind and matches(rule.match, given)), None)
+def rule_for(book: RuleBook, feature: Feature, surfaces: Sequence[SurfaceModel] = ()) -> Rule | None:
+    """Return the first rule of the book that is for this feature, or None; `surfaces` are all those of the site."""
+    given, kind = traits(feature), kind_of(feature)
+
+    def has(rule: Rule) -> bool:
+        if rule.feature != kind or not matches(rule.match, given):
+            return False
+        others = (traits(other) for other in surfaces if other is not feature)
+        return rule.beside is None or any(matches(rule.beside, t) and not matches(rule.match, t) for t in others)
+
+    return next((rule for rule in book.rules if has(rule)), None)
 
 
-def _kind(feature: Feature) -> str:
+def kind_of(feature: Feature) -> str:
+    """Return what a rule book calls this kind of feature: `alignment`, `point`, `line` or `surface`."""
     if isinstance(feature, Alignment):
         return "alignment"
     if isinstance(feature, PointFeature):

@@ -7,12 +7,13 @@ import numpy as np
 from workgauge.gauge.build import LimitSet
 from workgauge.gauge.match import rule_for
 from workgauge.gauge.rules import RuleBook, TrackBlock
+from workgauge.gauge.tracknames import track_names
 from workgauge.site.model import SiteModel
 from workgauge.values.limits import Limit
 
 
 def own_track(site: SiteModel, rules: RuleBook, e: float, n: float, heading: float) -> str | None:
-    """Return the name of the alignment a machine stands on, or None.
+    """Return the name of the alignment a machine stands on, or None; `A#2` for the second that is called A.
 
     It is the nearest of the alignments that the rule book makes tracks of, if it is within the rule book's distance
     and the machine's heading agrees with it, forwards or backwards, within the rule book's angle.
@@ -22,7 +23,7 @@ def own_track(site: SiteModel, rules: RuleBook, e: float, n: float, heading: flo
         heading: clockwise from grid north [rad].
     """
     best: tuple[float, str] | None = None
-    for alignment in site.alignments:
+    for alignment, name in track_names(site):
         rule = rule_for(rules, alignment)
         if rule is None or not any(isinstance(block, TrackBlock) for block in rule.limits):
             continue
@@ -32,7 +33,7 @@ def own_track(site: SiteModel, rules: RuleBook, e: float, n: float, heading: flo
             continue
         turned = abs(math.remainder(heading - float(alignment.at(distance).heading[0]), math.pi))
         if turned <= math.radians(rules.own_track.heading_within_deg):
-            best = (away, alignment.name)
+            best = (away, name)
     return None if best is None else best[1]
 
 

@@ -91,9 +91,14 @@ class LineClearance(LimitBlock):
 
 
 class WireBlock(LineClearance):
-    """Overhead line modelled as a line feature."""
+    """Overhead line modelled as a line feature.
+
+    `height_above_ground_m` is the lowest it may hang, for features without heights; without it they are guarded at
+    every height.
+    """
 
     make: Literal["overhead_line"]
+    height_above_ground_m: Height | None = None
 
 
 class WireAboveRailBlock(LineClearance):
@@ -129,11 +134,16 @@ class BoxBlock(LimitBlock):
 
 
 class TubeBlock(LimitBlock):
-    """Everything within a clearance of a line feature; its own diameter, or `diameter_m` where it has none."""
+    """Everything within a clearance of a line feature; its own diameter, or `diameter_m` where it has none.
+
+    `height_above_ground_m` (below ground: negative) is for features without heights; without it they are guarded from
+    the ground down.
+    """
 
     make: Literal["tube"]
     clearance_m: Length
     diameter_m: Length | None = None
+    height_above_ground_m: Height | None = None
 
     @model_validator(mode="after")
     def _thick(self) -> Self:
@@ -164,15 +174,22 @@ MAKES = {
 
 
 class Rule(Sourced):
-    """One rule: the features it is for, and the limits each becomes (none: left out on purpose)."""
+    """One rule: the features it is for, and the limits each becomes (none: left out on purpose).
+
+    `beside`: the rule is only for surfaces of a site that also has a surface of that description which `match` does
+    not hold for.
+    """
 
     name: Annotated[str, Field(min_length=1)]
     feature: Literal["alignment", "point", "line", "surface"]
     match: Match = Match()
+    beside: Match | None = None
     limits: tuple[Make, ...]
 
     @model_validator(mode="after")
     def _fitting(self) -> Self:
+        if self.beside is not None and self.feature != "surface":
+            raise ValueError("beside is for rules of surfaces")
         allowed = MAKES[self.feature]
         for block in self.limits:
             if block.make not in allowed:
@@ -247,7 +264,9 @@ class RuleBook(Sourced):
     profiles: dict[str, ProfileBlock] = Field(default_factory=dict)
     voltages: dict[str, Voltage] = Field(default_factory=dict)
     own_track: OwnTrackBlock = OwnTrackBlock()
-    height_without_profile: Height | Literal["nearest_surface"] = 0.0
+    height_without_profile: Height = 0.0
+    height_from_profile_within_m: Length = 50.0
+    rail_above_surface_m: Height = 0.0
     accuracy_m: Annotated[float, Field(strict=True, ge=0.001, le=0.05)] = 0.015
     rules: tuple[Rule, ...] = ()
     zones: tuple[Annotated[BoxZone | PrismZone, Field(discriminator="make")], ...] = ()

@@ -1,18 +1,16 @@
 """An alignment in the local site frame, with a height everywhere: the line a section is swept along."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from workgauge.gauge.heights import ORIGINS, Origin, SiteHeights, profile_span
 from workgauge.site.alignment import Alignment
-from workgauge.site.model import SiteModel
 from workgauge.values.arrays import Floats, Ints
-from workgauge.values.errors import RuleError
 
-#: Where heights are taken from the nearest surface, one is taken this often along the alignment [m].
-SURFACE_STEP = 10.0
+#: Where an alignment has no heights of its own, one is taken this often along it [m].
+HEIGHT_STEP = 5.0
 #: A profile may be shorter than its alignment by this much at each end without a warning [m].
 SHORT_PROFILE = 0.5
 #: Places along a line closer than this are one place [m].
@@ -47,30 +45,28 @@ class TrackLine:
     Args:
         alignment: the alignment.
         origin: (3,) absolute origin of the local frame [m].
-        heights: (knots, absolute heights) if the alignment has no profile, linear between knots. A profile that is
-            shorter than the alignment carries on at its end gradients.
+        filled: (distances, absolute heights) [m], linear between, used where `own` does not reach.
+        own: from where to where along it the alignment's own profile counts [m], or None for nowhere.
     """
 
-    def __init__(self, alignment: Alignment, origin: Floats, heights: tuple[Floats, Floats]) -> None:
+    def __init__(
+        self, alignment: Alignment, origin: Floats, filled: tuple[Floats, Floats], own: tuple[float, float] | None
+    ) -> None:
         self.alignment = alignment
         self.origin = origin
         self.length = float(alignment.length)
-        self._heights = heights
-        knots = np.empty(0) if alignment.has_profile else heights[0]
-        inner = np.concatenate([np.asarray(alignment.breaks, dtype=np.float64), knots])
+        self._filled, self._own = filled, own
+        inner = np.concatenate([np.asarray(alignment.breaks, dtype=np.float64), filled[0]])
         self.breaks: Floats = merged(np.array([0.0, self.length]), np.clip(inner, 0.0, self.length))
 
     def at(self, distances: Floats) -> LineState:
         """Return the state at distances (m,) within the alignment."""
         d = np.clip(distances, 0.0, self.length)
         state = self.alignment.at(d)
-        profile = self.alignment.profile
-        if profile is None:
-            z, gradient = np.interp(d, *self._heights), _slopes(*self._heights, d)
-        else:
-            within = np.clip(d, profile.start, profile.end)
-            z, gradient = profile.at(within)
-            z = z + gradient * (d - within)
+        z, gradient = np.interp(d, *self._filled), _slopes(*self._filled, d)
+        if self._own is not None and self.alignment.profile is not None:
+            within = (d >= self._own[0]) & (d <= self._own[1])
+            z[within], gradient[within] = self.alignment.profile.at(d[within])
         s, c = np.sin(state.heading), np.cos(state.heading)
         return LineState(
             d,
@@ -104,50 +100,83 @@ def _slopes(knots: Floats, heights: Floats, d: Floats) -> Floats:
     return np.where(inside, np.diff(heights)[i] / np.diff(knots)[i], 0.0)
 
 
-class Ground:
-    """Heights for features that have none: one number, or the nearest vertex of the site's surfaces in plan."""
+@dataclass(frozen=True, slots=True, eq=False)
+class FilledLine:
+    """A track line, and what its heights are made of.
 
-    def __init__(self, site: SiteModel, rule: float | Literal["nearest_surface"]) -> None:
-        self._number = None if rule == "nearest_surface" else float(rule)
-        self._vertices = np.empty((0, 3))
-        if self._number is None:
-            parts = [surface.vertices[np.unique(surface.faces)] for surface in site.surfaces if len(surface.faces)]
-            if not parts:
-                raise RuleError(
-                    "no surface to take missing heights from",
-                    element="height_without_profile",
-                    value=rule,
-                    allowed="a number of metres, or add a surface to the site",
-                )
-            self._vertices = np.concatenate(parts)
-        self._tree: cKDTree | None = None if self._number is not None else cKDTree(self._vertices[:, :2])
+    Attributes:
+        line: with a height everywhere; where none is known, that of the nearest place that has one.
+        used: absolute heights made up, by where they are from [m].
+        unknown: (from, to) along the alignment where no height is known [m].
+    """
 
-    def heights(self, en: Floats) -> Floats:
-        """Return absolute heights (k,) [m] at absolute plan points (k, 2)."""
-        if self._tree is None:
-            return np.full(len(en), self._number, dtype=np.float64)
-        nearest: Ints = np.asarray(self._tree.query(en)[1], dtype=np.int64)
-        return np.asarray(self._vertices[nearest, 2], dtype=np.float64)
+    line: TrackLine
+    used: Mapping[Origin, Floats]
+    unknown: tuple[tuple[float, float], ...]
 
-    def track_line(self, alignment: Alignment, origin: Floats) -> tuple[TrackLine, str | None]:
-        """Return the alignment's line, and a warning that states the heights used if it has no profile."""
-        who, profile = f"alignment {alignment.name.strip()!r}", alignment.profile
-        if profile is not None:
-            line = TrackLine(alignment, origin, (np.zeros(1), np.zeros(1)))
-            if profile.start <= SHORT_PROFILE and profile.end >= alignment.length - SHORT_PROFILE:
-                return line, None
-            return line, (
-                f"{who} has heights from {profile.start:.3f} to {profile.end:.3f} m only; "
-                "beyond them they carry on at the end gradients"
-            )
-        if self._number is not None:
-            text = f"height used: {self._number:.3f} m everywhere"
-            heights = (np.array([0.0]), np.array([self._number]))
-        else:
-            count = max(int(np.ceil(alignment.length / SURFACE_STEP)), 1)
-            knots = np.linspace(0.0, alignment.length, count + 1)
-            state = alignment.at(knots)
-            z = self.heights(np.stack([state.e, state.n], axis=-1))
-            text = f"heights used: the nearest surface's, every {SURFACE_STEP:g} m, {z.min():.3f} to {z.max():.3f} m"
-            heights = (knots, z)
-        return TrackLine(alignment, origin, heights), f"{who} has no profile; {text}"
+
+def filled_line(alignment: Alignment, heights: SiteHeights, origin: Floats, rail_above_surface: float) -> FilledLine:
+    """Return an alignment's line with heights where its own profile has none.
+
+    A profile short of the alignment's end by no more than SHORT_PROFILE carries on at its end gradient. Elsewhere a
+    height is taken every HEIGHT_STEP, linear between.
+
+    Args:
+        heights: where missing heights are from. origin: of the local frame.
+        rail_above_surface: how far above a surface the top of rail is taken to lie [m].
+    """
+    length, own = float(alignment.length), profile_span(alignment)
+    first, last = own or (length, length)
+    d = np.empty(0)
+    if first > SHORT_PROFILE or own is None:
+        d = np.append(d, np.linspace(0.0, first, max(int(np.ceil(first / HEIGHT_STEP)), 1) + 1))
+    if own is not None and length - last > SHORT_PROFILE:
+        d = np.append(d, np.linspace(last, length, int(np.ceil((length - last) / HEIGHT_STEP)) + 1))
+    if own is not None:
+        d = d[(d < first) | (d > last)]
+    z, source = np.empty(0), np.empty(0, dtype=np.int64)
+    if len(d):
+        state = alignment.at(d)
+        z, source = heights.at(np.column_stack([state.e, state.n]))
+        z = np.where(source == ORIGINS.index(Origin.SURFACE), z + rail_above_surface, z)
+    used = {ORIGINS[i]: z[source == i] for i in np.unique(source)}
+    knots, values = d, z
+    if own is not None and alignment.profile is not None:
+        ends = np.array([first, last])
+        z_ends, gradients = alignment.profile.at(ends)
+        knots, values = np.append(d, ends), np.append(z, z_ends)
+        for i, edge in ((0, 0.0), (1, length)):
+            if 0.0 < abs(ends[i] - edge) <= SHORT_PROFILE:
+                knots, values = np.append(knots, edge), np.append(values, z_ends[i] + gradients[i] * (edge - ends[i]))
+    order = np.argsort(knots, kind="stable")
+    knots, values = knots[order], values[order]
+    known = np.isfinite(values)
+    unknown = _gaps(knots, known)
+    if known.any():
+        values = np.interp(knots, knots[known], values[known])
+    else:
+        values = np.full(len(knots), (heights.low + heights.high) / 2)
+    return FilledLine(TrackLine(alignment, origin, _bends(knots, values), own), used, unknown)
+
+
+def flat_line(alignment: Alignment, origin: Floats, height: float, marks: tuple[float, float]) -> TrackLine:
+    """Return an alignment's line at one absolute height [m], whatever its profile; `marks` become breaks of it."""
+    return TrackLine(alignment, origin, (np.array(marks), np.full(2, height)), None)
+
+
+def _bends(knots: Floats, heights: Floats) -> tuple[Floats, Floats]:
+    """Return the knots of a polyline without those on a straight piece."""
+    run, rise = np.diff(knots), np.diff(heights)
+    bend = np.abs(rise[:-1] * run[1:] - rise[1:] * run[:-1]) > 1e-9
+    keep = np.concatenate([[True], bend, [True]]) if len(knots) > 1 else np.ones(1, dtype=np.bool_)
+    return knots[keep], heights[keep]
+
+
+def _gaps(knots: Floats, known: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> tuple[tuple[float, float], ...]:
+    """Return the stretches round unknown knots, from the known knot before to the known one after each."""
+    missing: Ints = np.flatnonzero(~known)
+    if not len(missing):
+        return ()
+    runs = np.split(missing, np.flatnonzero(np.diff(missing) > 1) + 1)
+    last = len(knots) - 1
+    return tuple((float(knots[max(run[0] - 1, 0)]), float(knots[min(run[-1] + 1, last)])) for run in runs)

@@ -7,10 +7,11 @@ import numpy as np
 
 from workgauge.gauge.build import LimitSet
 from workgauge.gauge.exact import ExactEnvelope, around
+from workgauge.gauge.heights import SiteHeights
 from workgauge.gauge.match import rule_for
 from workgauge.gauge.rules import RuleBook, TrackBlock
 from workgauge.gauge.sections import convex_pieces, edge_normals
-from workgauge.gauge.trackline import Ground
+from workgauge.gauge.trackline import filled_line
 from workgauge.gauge.tracks import HULL_TOLERANCE, track_shape
 from workgauge.site.alignment import Alignment
 from workgauge.site.model import SiteModel
@@ -23,7 +24,7 @@ ALONG, SURFACE_ALONG = 0.5, 2.0
 #: Points round a section lie at most this far apart [m].
 SPACING = 0.25
 #: Sections worked on at once.
-BATCH = 4096
+BATCH = 512
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +68,12 @@ def verify_envelopes(
     jobs = list(_tracks(site, rules, limit_set))
     if not jobs:
         return Verification(0.0, 0.0, (), (), 0)
-    ground = Ground(site, rules.height_without_profile)
+    heights = SiteHeights(site, rules)
     uncovered: list[Place] = []
     surplus: list[Place] = []
     points = 0
     for i, (alignment, block, chains) in enumerate(jobs):
-        line, _ = ground.track_line(alignment, origin)
+        line = filled_line(alignment, heights, origin, rules.rail_above_surface_m).line
         envelope = ExactEnvelope.of(track_shape(block, rules, alignment), line)
         worst = _Worst(alignment.name.strip(), origin)
         for part in _uncovered(envelope, chains):
