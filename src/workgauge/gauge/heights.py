@@ -13,7 +13,7 @@ from workgauge.gauge.match import rule_for
 from workgauge.gauge.rules import RuleBook, SurfaceBlock
 from workgauge.gauge.topmost import Topmost
 from workgauge.site.alignment import Alignment
-from workgauge.site.model import SiteModel, SurfaceModel
+from workgauge.site.model import PointFeature, SiteModel, SurfaceModel
 from workgauge.values.arrays import Floats, Ints
 
 #: Where no height is known, protection goes this far below the lowest and above the highest height of the site [m].
@@ -91,6 +91,19 @@ class SiteHeights:
             z[open_] = self._from_profiles(en[open_])
             origin[open_[np.isfinite(z[open_])]] = ORIGINS.index(Origin.PROFILE)
         return z, origin
+
+    @cached_property
+    def _points(self) -> dict[int, tuple[float, Origin]]:
+        """Heights of all points of the site that have none, found together, by the identity of the point."""
+        points = [point for point in self._site.points if np.isnan(point.position[2])]
+        if not points:
+            return {}
+        z, origin = self.at(np.array([point.position[:2] for point in points]))
+        return {id(p): (float(h), ORIGINS[i]) for p, h, i in zip(points, z, origin.tolist(), strict=True)}
+
+    def of_point(self, point: PointFeature) -> tuple[float, Origin]:
+        """Return (absolute height [m], where it is from) of a point of the site without one; NaN if UNKNOWN."""
+        return self._points[id(point)]
 
     def _from_profiles(self, en: Floats) -> Floats:
         """Return the height of the nearest profile within reach (k,), NaN where there is none."""

@@ -66,10 +66,9 @@ class SolidMaker:
         foot, height = np.array(point.position), block.height_m
         base = foot[2] + block.base_offset_m
         if math.isnan(foot[2]):
-            z, source = self.heights.at(foot[None, :2])
-            origin = ORIGINS[int(source[0])]
-            self.notes.see("point", point, origin, [] if origin is Origin.UNKNOWN else [float(z[0])])
-            base = float(z[0]) + block.base_offset_m
+            z, origin = self.heights.of_point(point)
+            self.notes.see("point", point, origin, [] if origin is Origin.UNKNOWN else [z])
+            base = z + block.base_offset_m
             if origin is Origin.UNKNOWN:
                 base, height = self.heights.low, self.heights.high - self.heights.low
         foot = np.array([foot[0], foot[1], base]) - self.origin
