@@ -1,15 +1,19 @@
 """Standing on the ground: heights against the plane they were made from, poses against their axes."""
 
 import math
+from copy import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from workgauge.gauge.heights import SiteHeights
 from workgauge.gauge.rulebook import load_rule_book
+from workgauge.gauge.trackline import filled_line
 from workgauge.machine.load import load_machine
-from workgauge.rehearse.ground import footprint_grid, ground_heights, plane_under
+from workgauge.rehearse.ground import footprint_grid, plane_under
 from workgauge.rehearse.scenario import OnGround, OnTrack
 from workgauge.rehearse.shipped import shipped_site_files
 from workgauge.rehearse.start import on_ground, stand
@@ -21,6 +25,7 @@ from workgauge.values.limits import Source
 
 E0, N0 = 500_000.0, 6_700_000.0
 MACHINE = load_machine("rre20")
+FINLAND = load_rule_book("finland")
 
 
 def tilted(east: float, north: float, height: float = 10.0, name: str = "ground") -> SurfaceModel:
@@ -52,7 +57,7 @@ inside = st.floats(-12.0, 12.0)
 def test_the_machine_stands_flat_on_the_plane(a: float, b: float, x: float, y: float, heading: float) -> None:
     site = site_of(tilted(a, b))
     machine = MACHINE
-    T = on_ground(site, machine, E0 + x, N0 + y, heading).T_absolute_machine
+    T = on_ground(SiteHeights(site, FINLAND), machine, E0 + x, N0 + y, heading).T_absolute_machine
     R = T[:3, :3]
     assert pytest.approx(np.eye(3), abs=1e-12) == R.T @ R
     assert np.linalg.det(R) == pytest.approx(1.0)
@@ -63,22 +68,43 @@ def test_the_machine_stands_flat_on_the_plane(a: float, b: float, x: float, y: f
 
 
 def test_the_topmost_surface_counts_and_nothing_outside() -> None:
-    site = site_of(tilted(0, 0, 10.0), tilted(0, 0, 12.5, "fill"))
-    heights = ground_heights(site, np.array([[E0 + 1, N0 + 2], [E0 + 500, N0]]))
-    assert heights[0] == 12.5
-    assert math.isnan(heights[1])
+    heights = SiteHeights(site_of(tilted(0, 0, 10.0), tilted(0, 0, 12.5, "fill")), FINLAND)
+    assert on_ground(heights, MACHINE, E0 + 1, N0 + 2, 0.0).T_absolute_machine[2, 3] == pytest.approx(12.5)
+    with pytest.raises(ScenarioError, match="no ground to stand on"):
+        on_ground(heights, MACHINE, E0 + 500, N0, 0.0)
+
+
+def test_a_design_surface_that_makes_no_limit_is_no_ground_where_there_is_terrain() -> None:
+    terrain, design = tilted(0, 0, 10.0, "Terrain"), tilted(0, 0, 12.5, "Design surface")
+    together = SiteHeights(site_of(terrain, design), FINLAND)
+    assert on_ground(together, MACHINE, E0, N0, 0.0).T_absolute_machine[2, 3] == pytest.approx(10.0)
 
 
 def test_half_off_the_edge_still_stands_but_a_single_foot_does_not() -> None:
-    site = site_of(tilted(0.1, 0))
-    plane = plane_under(site, E0 + 20, N0, footprint_grid(2.6, 1.25, E0 + 20, N0, 0.0))
+    heights = SiteHeights(site_of(tilted(0.1, 0)), FINLAND)
+    plane = plane_under(heights, E0 + 20, N0, footprint_grid(2.6, 1.25, E0 + 20, N0, 0.0))
     assert plane == pytest.approx((12.0, 0.1, 0.0), abs=1e-6)
-    assert plane_under(site, E0 + 30, N0, footprint_grid(2.6, 1.25, E0 + 30, N0, 0.0)) is None
+    assert plane_under(heights, E0 + 30, N0, footprint_grid(2.6, 1.25, E0 + 30, N0, 0.0)) is None
 
 
-def test_nowhere_to_stand_is_said() -> None:
-    with pytest.raises(ScenarioError, match="no ground to stand on"):
-        on_ground(site_of(), MACHINE, E0, N0, 0.0)
+def test_on_a_site_without_heights_it_stands_at_the_rule_books_and_says_so() -> None:
+    stood = on_ground(SiteHeights(site_of(), FINLAND), MACHINE, E0, N0, 0.0)
+    assert stood.T_absolute_machine[2, 3] == FINLAND.height_without_profile
+    assert "rule book" in stood.warnings[0]
+
+
+def test_on_rails_without_a_profile_it_stands_at_the_height_its_limits_have() -> None:
+    plain = read_site(shipped_site_files("double_track"))
+    track = copy(plain.alignment("Track 2"))
+    track.profile = None
+    bare = replace(plain, alignments=(plain.alignment("Track 1"), track))
+    place = OnTrack(alignment="Track 2", distance_m=600.0)
+    stood = stand(bare, FINLAND, MACHINE, place)
+    line = filled_line(track, SiteHeights(bare, FINLAND), np.zeros(3), float(FINLAND.rail_above_surface_m)).line
+    bed = SiteHeights(plain, FINLAND).at(stand(plain, FINLAND, MACHINE, place).T_absolute_machine[None, :2, 3])[0]
+    assert abs(float(line.at(np.array([600.0])).points[0, 2]) - float(FINLAND.rail_above_surface_m) - bed[0]) < 0.2
+    assert stood.T_absolute_machine[2, 3] == pytest.approx(float(line.at(np.array([600.0])).points[0, 2]), abs=0.06)
+    assert "no height of its own" in stood.warnings[0]
 
 
 @pytest.fixture(scope="module")

@@ -1,14 +1,16 @@
 """Where the machine stands at the start: on rails, with gradient and cant, or on the ground as it slopes."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from workgauge.gauge.heights import ORIGINS, Origin, SiteHeights
 from workgauge.gauge.match import rule_for
 from workgauge.gauge.own_track import own_track
 from workgauge.gauge.rules import RuleBook, TrackBlock
 from workgauge.gauge.sections import CantRotation
+from workgauge.gauge.trackline import filled_line
 from workgauge.gauge.tracks import cant_rotation
 from workgauge.machine.model import MachineModel
 from workgauge.rehearse.ground import footprint_grid, plane_under
@@ -18,9 +20,6 @@ from workgauge.site.model import SiteModel
 from workgauge.values.arrays import Floats
 from workgauge.values.errors import InputError, ScenarioError
 from workgauge.values.transforms import apply
-
-#: A profile counts as the ground's height up to this far beside its alignment [m].
-PROFILE_WITHIN_M = 50.0
 
 #: How cant turns a track that the rule book says nothing of: about its middle, rails 1.5 m apart.
 PLAIN_ROTATION = CantRotation(1.5, "centre")
@@ -54,7 +53,7 @@ def stand(site: SiteModel, rules: RuleBook, machine: MachineModel, place: OnTrac
         try:
             alignment = site.alignment(place.alignment)
             along = place.distance_m if place.station_m is None else alignment.distance_of_station(place.station_m)
-            return on_rails(rules, alignment, float(along or 0.0), place.facing == "forward", machine)
+            return on_rails(site, rules, alignment, float(along or 0.0), place.facing == "forward", machine)
         except InputError as error:
             raise ScenarioError(
                 error.message, element="start.on_track", value=error.value, allowed=error.allowed
@@ -62,28 +61,34 @@ def stand(site: SiteModel, rules: RuleBook, machine: MachineModel, place: OnTrac
     heading = math.radians(place.heading_deg) % (2 * math.pi)
     track = own_track(site, rules, place.east_m, place.north_m, heading)
     if track is None or machine.undercarriage.kind != "rail":
-        return on_ground(site, machine, place.east_m, place.north_m, heading, track)
+        return on_ground(SiteHeights(site, rules), machine, place.east_m, place.north_m, heading, track)
     alignment = site.alignment(track)
     along, offset = (float(value[0]) for value in alignment.project(np.array([[place.east_m, place.north_m]])))
     forward = math.cos(float(alignment.at([along]).heading[0]) - heading) >= 0
-    stood = on_rails(rules, alignment, along, forward, machine)
+    stood = on_rails(site, rules, alignment, along, forward, machine)
     moved = f"stands on the rails of {track.strip()}, {abs(offset):.2f} m beside the place asked for"
-    return stood if abs(offset) < 0.005 else Stand(stood.T_absolute_machine, stood.words, stood.own_track, (moved,))
+    return stood if abs(offset) < 0.005 else replace(stood, warnings=(*stood.warnings, moved))
 
 
-def on_rails(rules: RuleBook, alignment: Alignment, distance: float, forward: bool, machine: MachineModel) -> Stand:
+def on_rails(
+    site: SiteModel, rules: RuleBook, alignment: Alignment, distance: float, forward: bool, machine: MachineModel
+) -> Stand:
     """Return the pose on the rails of an alignment: along its tangent, tilted by gradient and cant.
+
+    Where the alignment has no height of its own, the machine stands where its limits are made: see `gauge.heights`.
 
     Raises:
         SiteError: if the alignment has no such distance.
+        ScenarioError: if nothing says how high the rails are there.
     """
     state = alignment.at([distance])
     heading, cant = float(state.heading[0]), float(state.cant[0])
     z, gradient = float(state.z[0]), float(state.gradient[0])
     warnings: tuple[str, ...] = ()
     if math.isnan(z):
-        z, gradient = 0.0, 0.0
-        warnings = (f"{alignment.name.strip()} has no profile: the machine stands at height 0",)
+        z, gradient = _filled_height(site, rules, alignment, distance)
+        name = alignment.name.strip()
+        warnings = (f"{name} has no height of its own at {distance:.1f} m: the machine stands at {z:.2f} m",)
     direction = np.array([math.sin(heading), math.cos(heading), gradient])
     direction /= np.linalg.norm(direction)
     level = np.array([-math.cos(heading), math.sin(heading), 0.0])
@@ -104,6 +109,20 @@ def on_rails(rules: RuleBook, alignment: Alignment, distance: float, forward: bo
     )
 
 
+def _filled_height(site: SiteModel, rules: RuleBook, alignment: Alignment, distance: float) -> tuple[float, float]:
+    """Return the height and gradient at which the limits of an alignment without heights are made."""
+    filled = filled_line(alignment, SiteHeights(site, rules), np.zeros(3), float(rules.rail_above_surface_m))
+    if any(first <= distance <= last for first, last in filled.unknown):
+        raise ScenarioError(
+            "nothing says how high the rails are there",
+            element=f"alignment {alignment.name.strip()!r}",
+            value=f"{distance:.3f} m",
+            allowed="a place with a profile, a surface, or a profile near by",
+        )
+    state = filled.line.at(np.array([distance]))
+    return float(state.points[0, 2]), float(state.gradient[0])
+
+
 def _cant_rotation(rules: RuleBook, alignment: Alignment) -> CantRotation:
     """Return how the alignment's cant turns it, as its envelope has it."""
     rule = rule_for(rules, alignment)
@@ -114,21 +133,32 @@ def _cant_rotation(rules: RuleBook, alignment: Alignment) -> CantRotation:
 
 
 def on_ground(
-    site: SiteModel, machine: MachineModel, e: float, n: float, heading: float, track: str | None = None
+    heights: SiteHeights, machine: MachineModel, e: float, n: float, heading: float, track: str | None = None
 ) -> Stand:
-    """Return the pose on the site's topmost surface, tilted as the plane under the undercarriage.
+    """Return the pose on the site's ground, tilted as the plane under the undercarriage.
 
-    Where there is no surface, the profile of an alignment within 50 m gives the height, and a warning says so.
+    The ground is where limits without a height of their own are made: the topmost of the surfaces the machine is kept
+    above, or else of the others. Where there is none, a profile near by or, on a site without any heights, the rule
+    book's constant gives the height, and a warning says so.
 
     Raises:
         ScenarioError: if nothing says how high the ground is.
     """
     warnings: tuple[str, ...] = ()
-    plane = plane_under(site, e, n, footprint_grid(*_footprint(machine), e, n, heading))
+    plane = plane_under(heights, e, n, footprint_grid(*_footprint(machine), e, n, heading))
     if plane is None:
-        height, words = _height_beside(site, e, n)
-        plane = (height, 0.0, 0.0)
-        warnings = (f"no surface under the machine: it stands level at {words}",)
+        z_there, origin = heights.at(np.array([[e, n]]))
+        if not math.isfinite(z_there[0]):
+            raise ScenarioError(
+                "no ground to stand on: no surface of the site lies there and no profile near by",
+                element="start",
+                value=f"E {e:.3f} N {n:.3f}",
+                allowed=f"a place on a surface, or within {heights.within:g} m of an alignment with a profile",
+            )
+        plane = (float(z_there[0]), 0.0, 0.0)
+        whose = {Origin.PROFILE: "that of the nearest profile", Origin.CONSTANT: "the rule book's"}
+        words = whose.get(ORIGINS[int(origin[0])], "that of the edge of a surface")
+        warnings = (f"no surface under the machine: it stands level at height {plane[0]:.2f} m, {words}",)
     z, east, north = plane
     up = np.array([-east, -north, 1.0])
     up /= np.linalg.norm(up)
@@ -139,28 +169,6 @@ def on_ground(
     T = _pose(np.array([e, n, z]), direction, left, machine.undercarriage.height_m)
     words = f"on the ground at E {e:.3f} N {n:.3f}, height {z:.3f} m, heading {math.degrees(heading):.1f}°"
     return Stand(T, words, track, warnings)
-
-
-def _height_beside(site: SiteModel, e: float, n: float) -> tuple[float, str]:
-    """Return the height of the nearest profile, and whose it is."""
-    found: list[tuple[float, float, str]] = []
-    for alignment in site.alignments:
-        if alignment.has_profile:
-            along, offset = (float(value[0]) for value in alignment.project(np.array([[e, n]])))
-            z = float(alignment.at([min(max(along, 0.0), alignment.length)]).z[0])
-            place = alignment.at([along])
-            apart = math.hypot(float(place.e[0]) - e, float(place.n[0]) - n)
-            if apart <= PROFILE_WITHIN_M and math.isfinite(z):
-                found.append((max(apart, abs(offset)), z, alignment.name.strip()))
-    if not found:
-        raise ScenarioError(
-            "no ground to stand on: no surface of the site lies there and no profile within 50 m",
-            element="start",
-            value=f"E {e:.3f} N {n:.3f}",
-            allowed="a place on a surface or beside an alignment with a profile",
-        )
-    apart, z, name = min(found)
-    return z, f"{z:.2f} m, the height of {name} {apart:.1f} m away"
 
 
 def _footprint(machine: MachineModel) -> tuple[float, float]:
