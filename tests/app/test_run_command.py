@@ -67,15 +67,14 @@ def test_site_takes_several_files_and_a_place(cli, shipped: Path) -> None:
     assert any(cause["limit"] == "point:P1-12" for cause in together.data["interventions"])
 
 
-def test_options_replace_what_a_scenario_says(cli, shipped: Path, tmp_path: Path) -> None:
-    plain = cli.workgauge("run", "--scenario", "pole-approach", "--json").data
-    same = cli.workgauge(
-        "run", "--scenario", "pole-approach", "--machine", "rre20", "--guard", "linear", "--json"
-    ).data
+def test_options_replace_what_a_scenario_says(cli, write, shipped: Path, tmp_path: Path) -> None:
+    scenario = write(SHORT, "short.yaml")
+    plain = cli.workgauge("run", "--scenario", scenario, "--json").data
+    same = cli.workgauge("run", "--scenario", scenario, "--machine", "rre20", "--guard", "linear", "--json").data
     assert {**plain, "tick_ms": 0} == {**same, "tick_ms": 0}
     folder = tmp_path / "other"
     other = cli.workgauge(
-        *("run", "--scenario", "pole-approach", "--machine", "sun-a", "--rules", "generic"),
+        *("run", "--scenario", scenario, "--machine", "sun-a", "--rules", "generic"),
         *("--site", shipped / "catenary.xml", shipped / "terrain.xml"),
         *("--at", "25487293.0,6714591.0,42", "--report", folder, "--json"),
     ).data
