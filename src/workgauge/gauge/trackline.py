@@ -46,7 +46,7 @@ class TrackLine:
         alignment: the alignment.
         origin: (3,) absolute origin of the local frame [m].
         filled: (distances, absolute heights) [m], linear between, used where `own` does not reach.
-        own: from where to where along it the alignment's own profile counts [m], or None for nowhere.
+        own: from where to where along it the alignment's own profile counts [m], or None if nowhere.
     """
 
     def __init__(
