@@ -1,6 +1,6 @@
 """Long proofs, one table: millions of ticks against geometric truth, big fuzzing, and the tests marked `prove`.
 
-    make prove                      everything, about a quarter of an hour on two cores
+    make prove                      everything, about an hour on two cores
     python benchmarks/prove.py --scale 0.05 --json
 
 Every row says what must never happen, how often it was tried, how often it happened, and the worst value seen. The
