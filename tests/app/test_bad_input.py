@@ -1,5 +1,6 @@
 """Every kind of bad input: exit code 2, one clear line on stderr, nothing on stdout, nothing written."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -151,3 +152,14 @@ def test_wrong_usage_is_exit_2_too(cli, arguments: list[str]) -> None:
     assert answer.code == 2
     assert answer.out == ""
     assert answer.err
+
+
+def test_an_export_never_replaces_what_is_no_regular_file(cli, shipped: Path, tmp_path: Path) -> None:
+    pipe, target, link = tmp_path / "pipe.glb", tmp_path / "target.glb", tmp_path / "link.glb"
+    os.mkfifo(pipe)
+    target.write_text("old")
+    link.symlink_to(target)
+    cli.refused(cli.workgauge("limits", shipped / "catenary.xml", "--export", pipe), "regular file")
+    assert pipe.is_fifo()
+    assert cli.workgauge("limits", shipped / "catenary.xml", "--export", link).code == 0
+    assert link.is_symlink() and target.read_bytes()[:4] == b"glTF"

@@ -292,3 +292,30 @@ def test_a_limit_with_a_long_stop_distance_is_seen_in_time(tmp_path: Path) -> No
     steps = [session.step(session.intent(levers=Levers(left_x=1.0))) for _ in range(300)]
     assert ReasonCode.LIMIT_NEAR in {reason.code for step in steps for reason in step.trace.reasons if reason.limit}
     assert min(step.truth.by_limit.get("point:P1", math.inf) for step in steps) > 8.99
+
+
+@pytest.mark.parametrize(("key", "unit"), [("posture_m", "degrees"), ("posture_deg", "degrees")])
+def test_a_posture_in_the_wrong_unit_or_twice_is_refused(key: str, unit: str, tmp_path: Path) -> None:
+    text = shipped_path("scenarios", "pole-approach.yaml").read_text(encoding="utf-8")
+    twice = "  posture_m: {tilt: 0.5}\n"
+    changed = text.replace("tilt: 0, ", "") if key == "posture_m" else text
+    file = tmp_path / "mixed.yaml"
+    file.write_text(changed.replace("joints: ideal", twice + "joints: ideal"), encoding="utf-8")
+    with pytest.raises(ScenarioError, match=f"joint tilt is revolute.*{unit}"):
+        open_session(load_scenario(file))
+
+
+def test_a_limit_switched_on_around_the_machine_by_its_state_is_no_entry() -> None:
+    state = "Track 2 open to traffic"
+    solid = Box(frozen(translation(6.0, 0.0, 2.0)), frozen([3.0, 3.0, 3.0]))
+    limit = Limit("t", LimitKind.TRACK, "Track 2", solid, "r", Source("f", "t"), activity=Activity(state=state))
+    machine = load_machine("rre20")
+    truth = GeometricTruth(machine, [limit], 5.0)
+    truth.check(0, machine.home, np.eye(4), frozenset({state}))
+    truth.check(1, machine.home, np.eye(4), frozenset())
+    assert truth.entries() == ()
+
+
+def test_a_place_on_no_map_is_refused() -> None:
+    with pytest.raises(ScenarioError, match="no map has such a place"):
+        Session(site=field(), at=(1e300, 0.0, 0.0))

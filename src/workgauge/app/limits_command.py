@@ -54,6 +54,9 @@ def _chainages(limits: Sequence[Limit]) -> list[dict[str, Any]]:
 
 def _export(limit_set: LimitSet, path: Path) -> None:
     """Write the GLB beside its place first, so that nothing half-written is ever left there."""
+    path = path.resolve()
+    if path.exists() and not path.is_file():
+        raise InputError("is not a regular file", file=path, element="--export", allowed="a file to be written")
     try:
         handle, name = tempfile.mkstemp(prefix=".limits-", suffix=".glb", dir=path.parent)
         os.close(handle)

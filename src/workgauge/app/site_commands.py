@@ -145,6 +145,10 @@ def choose_alignment(site: SiteModel, name: str | None) -> Alignment:
     return close[0]
 
 
+#: An offset beyond this is no place beside an alignment [m].
+FARTHEST_OFFSET_M = 1e5
+
+
 def place_object(alignment: Alignment, distance: float, offset: float, crs: ProjectedCrs | None) -> dict[str, Any]:
     """Return the documented object of `workgauge at --json`.
 
@@ -153,8 +157,9 @@ def place_object(alignment: Alignment, distance: float, offset: float, crs: Proj
     Raises:
         SiteError: if the distance lies beyond the alignment, or the offset is not a finite number.
     """
-    if not math.isfinite(offset):
-        raise SiteError("the offset must be a finite number", element="--offset", value=offset, allowed="metres")
+    if not abs(offset) <= FARTHEST_OFFSET_M:
+        allowed = f"a finite number, up to {FARTHEST_OFFSET_M:g} m to either side"
+        raise SiteError("no place so far beside an alignment", element="--offset", value=offset, allowed=allowed)
     state = alignment.at([distance])
     heading, cant, z = float(state.heading[0]), float(state.cant[0]), float(state.z[0])
     station = float(alignment.station(distance)[0])

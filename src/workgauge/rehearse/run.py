@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from workgauge.machine.load import load_machine
+from workgauge.machine.model import MachineModel
 from workgauge.rehearse.interventions import InterventionLog
 from workgauge.rehearse.operator import Operator, View
 from workgauge.rehearse.result import RunResult, Series, Snapshot, TickTimes
-from workgauge.rehearse.scenario import DriveBack, DriveLine, Hold, Step, Swing, Target
+from workgauge.rehearse.scenario import DriveBack, DriveLine, Hold, Start, Step, Swing, Target
 from workgauge.rehearse.scenario_file import LoadedScenario
 from workgauge.rehearse.session import SUBSTEPS, Session, StepResult
 from workgauge.rehearse.targets import Targets, solid_points
@@ -80,14 +82,16 @@ def open_session(loaded: LoadedScenario) -> Session:
     """
     scenario = loaded.scenario
     try:
+        machine = load_machine(loaded.machine, scenario.attachment)
+        if loaded.posture is not None:
+            _check_units(scenario.start, machine)
         return Session(
             site=list(loaded.site_files),
-            machine=loaded.machine,
+            machine=machine,
             rules=loaded.rules,
             guard=scenario.guard.name,
             at=loaded.place,
             posture=loaded.posture,
-            attachment=scenario.attachment,
             guard_parameters=scenario.guard.parameters,
             tick_s=scenario.tick_ms * 1e-3,
             epsg=loaded.epsg,
@@ -98,6 +102,22 @@ def open_session(loaded: LoadedScenario) -> Session:
         raise ScenarioError(
             error.message, file=loaded.file, element=error.element, value=error.value, allowed=error.allowed
         ) from error
+
+
+def _check_units(start: Start, machine: MachineModel) -> None:
+    """Refuse a start posture that gives a joint in the other kind's unit, or twice."""
+    for name in {**start.posture_deg, **start.posture_m}:
+        if name not in machine.joint_names:
+            continue
+        prismatic = bool(machine.prismatic[machine.joint_names.index(name)])
+        right, wrong = (start.posture_m, "posture_deg") if prismatic else (start.posture_deg, "posture_m")
+        if name not in right or name in getattr(start, wrong):
+            raise ScenarioError(
+                f"joint {name} is {'prismatic' if prismatic else 'revolute'}",
+                element=f"start.{wrong}",
+                value=name,
+                allowed=f"only in {'posture_m, in metres' if prismatic else 'posture_deg, in degrees'}",
+            )
 
 
 def run_scenario(loaded: LoadedScenario, progress: Callable[[Progress], None] | None = None) -> RunResult:

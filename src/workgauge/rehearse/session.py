@@ -49,6 +49,9 @@ TRUTH_RADIUS_M = 10.0
 #: A start posture takes the nearest pole into account up to this far away [m].
 POLE_WITHIN_M = 15.0
 
+#: Coordinates beyond this are on no map [m].
+FARTHEST_M = 1e8
+
 #: How far the tick looks: more than a full-speed stop of a 20 t machine (6.7 m).
 TICK_RADIUS_M = 7.0
 
@@ -255,12 +258,19 @@ def _site_files(site: str | Path | Sequence[str | Path]) -> list[Path]:
 
 
 def _place(at: tuple[float, float, float] | OnTrack | OnGround | None, site: SiteModel) -> OnTrack | OnGround:
+    if isinstance(at, OnGround) and not max(abs(at.east_m), abs(at.north_m)) <= FARTHEST_M:
+        raise ScenarioError(
+            "no map has such a place",
+            element="start",
+            value=f"E {at.east_m:g} N {at.north_m:g}",
+            allowed=f"up to {FARTHEST_M:g} m",
+        )
     if isinstance(at, OnTrack | OnGround):
         return at
     if at is not None:
         if not all(math.isfinite(value) for value in at):
             raise ScenarioError("the place must be finite numbers", element="at", value=at, allowed="E, N, heading")
-        return OnGround(east_m=at[0], north_m=at[1], heading_deg=at[2])
+        return _place(OnGround(east_m=at[0], north_m=at[1], heading_deg=at[2]), site)
     if not site.alignments:
         raise ScenarioError("say where the machine stands", element="at", allowed="(east, north, heading in degrees)")
     first = site.alignments[0]

@@ -59,6 +59,7 @@ class GeometricTruth:
         self._open: dict[str, _Inside] = {}
         self._closed: list[tuple[str, _Inside]] = []
         self._checked_ns: int | None = None
+        self._checked_off: frozenset[str] = frozenset()
         self.nearest: Reading | None = None
         self.nearest_own: Reading | None = None
         self.nearest_snapshot: Snapshot | None = None
@@ -76,7 +77,7 @@ class GeometricTruth:
         kin = self.machine.forward(q)
         found = self._scene.query(kin, T_site_machine, self.radius_m, now_ns, off_states)
         reading, inside = _reading(now_ns, found)
-        self._follow(now_ns, inside, off_states)
+        self._follow(now_ns, inside)
         if reading.limit is not None and (
             self.nearest is None
             or self.nearest.limit is None
@@ -90,10 +91,10 @@ class GeometricTruth:
             or reading.own.distance_m < self.nearest_own.own.distance_m
         ):
             self.nearest_own = reading
-        self._checked_ns = now_ns
+        self._checked_ns, self._checked_off = now_ns, off_states
         return reading
 
-    def _follow(self, now_ns: int, inside: dict[str, Clearance], off_states: frozenset[str]) -> None:
+    def _follow(self, now_ns: int, inside: dict[str, Clearance]) -> None:
         """Open, deepen and close the intervals below zero."""
         t_s = now_ns * 1e-9
         for limit in [limit for limit in self._open if limit not in inside]:
@@ -103,7 +104,7 @@ class GeometricTruth:
             if current is None:
                 before = self._checked_ns
                 activity = self._activity.get(limit)
-                own = before is not None and (activity is None or activity.active(before, off_states))
+                own = before is not None and (activity is None or activity.active(before, self._checked_off))
                 self._open[limit] = _Inside(clearance.link, t_s, t_s, depth, own)
             else:
                 current.end_s = t_s

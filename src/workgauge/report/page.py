@@ -178,7 +178,10 @@ def write_report(result: RunResult, folder: Path) -> Path:
             for name, text in (("report.html", page), ("run.json", data)):
                 (work / name).write_text(text, "utf-8")
             for name in ("run.json", "report.html"):
-                (work / name).replace(folder / name)
+                target = (folder / name).resolve()
+                if target.exists() and not target.is_file():
+                    raise InputError("is not a regular file", file=target, allowed="a file to be written")
+                (work / name).replace(target)
         finally:
             shutil.rmtree(work, ignore_errors=True)
     except OSError as error:
