@@ -63,7 +63,7 @@ def test_the_machine_stands_flat_on_the_plane(a: float, b: float, x: float, y: f
     assert np.linalg.det(R) == pytest.approx(1.0)
     normal = np.array([-a, -b, 1.0]) / math.sqrt(1 + a * a + b * b)
     assert R[:, 2] == pytest.approx(normal, abs=1e-7)
-    assert math.atan2(R[0, 0], R[1, 0]) % (2 * math.pi) == pytest.approx(heading % (2 * math.pi), abs=1e-9)
+    assert math.remainder(math.atan2(R[0, 0], R[1, 0]) - heading, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
     assert T[:3, 3] == pytest.approx([E0 + x, N0 + y, 10 + a * x + b * y], abs=1e-6)
 
 
