@@ -90,6 +90,7 @@ def build(name: str, description: MachineDescription, folder: Path, attachment: 
             description.undercarriage.kind, description.undercarriage.gauge_m, description.undercarriage.height_m
         ),
         sensors=_sensors(description, links),
+        positioning=description.positioning,
         T_link_tool=matrix_of(mounted.tool),
         tool_tolerance_m=mounted.tolerance_m,
         chain=chain,

@@ -8,6 +8,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from workgauge.machine.parts import JointGeometry, LinkSolid, Pump, Sensor, SkippedPair, Stopping, Undercarriage
+from workgauge.machine.positioning import PositioningSpec
 from workgauge.values.arrays import Floats, Ints, freeze, frozen, frozen_ints
 from workgauge.values.clearances import Clearances
 
@@ -54,6 +55,7 @@ class MachineModel:
         undercarriage, sensors: see there.
         T_link_tool: (4, 4), tool frame in the last link's frame. tool_tolerance_m: 1-sigma of its position.
         chain: the joints in space.
+        positioning: how it knows where it is; None if its pose comes from outside.
     """
 
     name: str
@@ -83,6 +85,7 @@ class MachineModel:
     chain: tuple[JointGeometry, ...]
     self_pairs: tuple[tuple[int, int], ...] = ()
     skipped_pairs: tuple[SkippedPair, ...] = ()
+    positioning: PositioningSpec | None = None
 
     _pin: Any = field(init=False, repr=False)
     _scratch: Any = field(init=False, repr=False)  # overwritten by every forward(); nothing is kept in it

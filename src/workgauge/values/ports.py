@@ -1,6 +1,16 @@
 """The interfaces between rooms that must not see each other."""
 
+from dataclasses import dataclass
 from typing import Protocol
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Bytes as they arrived: on which port, when on the receiver's monotonic clock [ns]."""
+
+    port: str
+    received_ns: int
+    data: bytes
 
 
 class Plant(Protocol):

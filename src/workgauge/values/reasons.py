@@ -28,6 +28,17 @@ class ReasonCode(StrEnum):
     TOO_FAST_CHANGE = "too_fast_change"  #: command changes faster than allowed
     WRONG_SEQUENCE = "wrong_sequence"  #: repeated, skipped or foreign frame
     GATE_CLOSED = "gate_closed"
+    POSITION_DEGRADED = "position_degraded"  #: a worse fix, an older correction: believed with a larger uncertainty
+    POSITION_JUMP = "position_jump"  #: a fix that disagrees with what was known by more than it admits
+    RECEIVER_FROZEN = "receiver_frozen"  #: the same fix again and again, or one that ignores that the machine moves
+    HEADING_DISAGREES = "heading_disagrees"  #: baseline length, antenna order or two headings contradict each other
+    CORRECTION_OLD = "correction_old"  #: the differential correction is older than allowed
+    SENSOR_STALE = "sensor_stale"  #: a link sensor is missing or old
+    SENSOR_DISAGREES = "sensor_disagrees"  #: two sensors of one thing contradict each other
+    DEAD_RECKONING = "dead_reckoning"  #: no fix, carried on for a bounded time
+    CHASSIS_FROZEN = "chassis_frozen"  #: no fix, the undercarriage must not move
+    POSITION_LOST = "position_lost"  #: no position to work on
+    NOT_CHECKED = "not_checked"  #: the start-of-shift check is missing or failed
 
 
 #: Reasons that stop every joint, whatever the operator wants.
@@ -44,6 +55,8 @@ STOPPING = frozenset(
         ReasonCode.FROM_FUTURE,
         ReasonCode.INVALID_VALUE,
         ReasonCode.GATE_CLOSED,
+        ReasonCode.POSITION_LOST,
+        ReasonCode.NOT_CHECKED,
     }
 )
 
