@@ -133,8 +133,8 @@ def _one_drive(rng, machine, scene, T, q, config):
     levers, mode = Levers(), DriveMode.JOINT
     for k in range(DRIVE_TICKS):
         now = plant.now_ns
-        for frame in plant.read():
-            value = decode(frame, now).value
+        for chunk in plant.read():
+            value = decode(chunk.data, now).value
             posture = value if isinstance(value, Posture) else posture
             pose = value if isinstance(value, MachinePose) else pose
         if k > 2 and k % 50 == 3:

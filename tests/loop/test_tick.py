@@ -74,8 +74,8 @@ def run(
     memory, steps = first_memory(config), []
     posture = pose = None
     for k, intent in enumerate(intents):
-        for frame in plant.read():
-            value = decode(frame, plant.now_ns).value
+        for chunk in plant.read():
+            value = decode(chunk.data, plant.now_ns).value
             if isinstance(value, Posture):
                 posture = value
             elif isinstance(value, MachinePose):

@@ -14,7 +14,7 @@ from workgauge.values import transforms as tf
 from workgauge.values.commands import VALVE_FULL, ValveCommand
 from workgauge.values.errors import MachineError
 from workgauge.values.measurements import MachinePose, Posture, Stamp
-from workgauge.values.ports import Plant
+from workgauge.values.ports import VALUES_PORT, Plant
 from workgauge.wire.messages import decode, encode
 
 T_SITE = tf.translation(10.0, 20.0, 0.5) @ tf.rotation_z(0.7)
@@ -41,7 +41,7 @@ def test_it_is_a_plant() -> None:
 
 
 def test_the_first_frames_tell_where_it_starts() -> None:
-    posture, pose = (decode(f, 5000).value for f in plant().read())
+    posture, pose = (decode(c.data, 5000).value for c in plant().read())
     assert isinstance(posture, Posture) and isinstance(pose, MachinePose)
     assert posture.q.tobytes() == machine().home.tobytes() and not posture.sigma.any()
     assert pose.T_site_machine.tobytes() == T_SITE.tobytes() and not pose.covariance.any()
@@ -53,7 +53,10 @@ def test_frames_come_once_and_in_order() -> None:
     subject.read()
     for _ in range(3):
         subject.advance(0.01)
-    messages = [decode(f, 0) for f in subject.read()]
+    chunks = subject.read()
+    assert all(chunk.port == VALUES_PORT for chunk in chunks)
+    assert [chunk.received_ns for chunk in chunks] == [m * 10_000_000 + 1000 for m in (1, 1, 2, 2, 3, 3)]
+    messages = [decode(chunk.data, 0) for chunk in chunks]
     assert [type(m.value) for m in messages] == [Posture, MachinePose] * 3
     assert [m.sequence for m in messages] == [1, 1, 2, 2, 3, 3]
     assert [m.sent_ns for m in messages] == [10_001_000] * 2 + [20_001_000] * 2 + [30_001_000] * 2
@@ -74,7 +77,7 @@ def test_joints_move_at_the_share_of_their_speed(valves: list[int], dt_s: float)
         for v, p, n in zip(valves, machine().speed_positive, machine().speed_negative, strict=True)
     ]
     assert subject.truth[0] == pytest.approx(machine().home + np.array(speeds) * dt_s, abs=1e-12)
-    posture = decode(subject.read()[-2], 0).value
+    posture = decode(subject.read()[-2].data, 0).value
     assert isinstance(posture, Posture) and posture.q.tobytes() == subject.truth[0].tobytes()
 
 

@@ -199,8 +199,8 @@ class Session:
             intent: what the operator wants, or None if nobody is there (then the machine stops).
         """
         now = self._now_ns
-        for frame in self._plant.read():
-            value = decode(frame, now).value
+        for chunk in self._plant.read():
+            value = decode(chunk.data, now).value
             if isinstance(value, Posture):
                 self._posture = value
             elif isinstance(value, MachinePose):

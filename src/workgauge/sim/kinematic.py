@@ -12,6 +12,7 @@ from workgauge.values.arrays import Floats, frozen
 from workgauge.values.commands import VALVE_FULL
 from workgauge.values.errors import MachineError, WireError
 from workgauge.values.measurements import MachinePose, Posture, Stamp
+from workgauge.values.ports import VALUES_PORT, Chunk
 from workgauge.wire.messages import decode_command, encode
 
 #: Called after every substep with the plant's clock [ns], the true joint positions (n,) and T_site_machine (4, 4).
@@ -66,7 +67,7 @@ class KinematicPlant:
         self._substep_s = substep_s
         self._on_substep = on_substep
         self._sequence = 0
-        self._sent: list[bytes] = []
+        self._sent: list[Chunk] = []
         self._measure()
 
     @property
@@ -107,13 +108,16 @@ class KinematicPlant:
                 self._on_substep(now, self._q, self._T_site_machine)
         self._measure()
 
-    def read(self) -> list[bytes]:
-        """Return the sensor frames that arrived since the last call, oldest first; the first call has the start's."""
+    def read(self) -> list[Chunk]:
+        """Return the sensor frames since the last call, oldest first, one per chunk on the port `values`.
+
+        The first call has the start's.
+        """
         sent, self._sent = self._sent, []
         return sent
 
     def _measure(self) -> None:
         stamp = Stamp(self._machine_id, self.now_ns, "kinematic", self.now_ns)
-        self._sent.append(encode(Posture.exact(stamp, self._q), self._sequence))
-        self._sent.append(encode(MachinePose.exact(stamp, self._T_site_machine), self._sequence))
+        for value in (Posture.exact(stamp, self._q), MachinePose.exact(stamp, self._T_site_machine)):
+            self._sent.append(Chunk(VALUES_PORT, self.now_ns, encode(value, self._sequence)))
         self._sequence = (self._sequence + 1) % 2**32

@@ -13,6 +13,10 @@ class Chunk:
     data: bytes
 
 
+#: The port on which a plant with perfect sensors sends finished values: our own wire frames, one per chunk.
+VALUES_PORT = "values"
+
+
 class Plant(Protocol):
     """A machine, real or simulated: valve command bytes in, sensor bytes out."""
 
@@ -24,6 +28,6 @@ class Plant(Protocol):
         """Let `dt_s` seconds pass, in substeps of the plant's own choosing."""
         ...
 
-    def read(self) -> list[bytes]:
-        """Return the sensor frames that arrived since the last call, oldest first."""
+    def read(self) -> list[Chunk]:
+        """Return what arrived on its ports since the last call, oldest first."""
         ...
