@@ -1,6 +1,6 @@
 """What every guard is given and gives back."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
@@ -13,6 +13,9 @@ from workgauge.values.reasons import Reason, ReasonCode
 JsonValue: TypeAlias = 'bool | int | float | str | Sequence["JsonValue"] | Mapping[str, "JsonValue"] | None'
 #: What a guard remembers from tick to tick: plain data that goes through JSON unchanged, never written to.
 Memory: TypeAlias = Mapping[str, JsonValue]
+
+#: From a posture (n,) and a radius [m] to the clearances there, protection levels included, and their rows (k, n).
+Look: TypeAlias = Callable[[Floats, float], tuple[Clearances, Floats]]
 
 #: Numbers beyond this are no measurement: what is computed from smaller ones cannot overflow.
 FAR = 1e6
@@ -32,6 +35,8 @@ class GuardInput:
         joint_names: (n).
         exclusive_groups: joint indices; joints of different groups cannot move together.
         keep_direction: a joint that must go slower slows all of them, so that the tool stays on its path.
+        sent: (n,) joint velocities that the valves sent last ask for, or None for none yet.
+        look: what is near at other postures, or None if nobody can say.
     """
 
     desired: Floats
@@ -46,6 +51,8 @@ class GuardInput:
     joint_names: tuple[str, ...]
     exclusive_groups: tuple[tuple[int, ...], ...]
     keep_direction: bool = False
+    sent: Floats | None = None
+    look: Look | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
