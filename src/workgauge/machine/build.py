@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from workgauge.machine.chain import dh_chain, matrix_of, pose_matrix
+from workgauge.machine.cylinder import Cylinder
 from workgauge.machine.description import (
     UNDERCARRIAGE,
     AttachmentSpec,
@@ -85,6 +86,7 @@ def build(name: str, description: MachineDescription, folder: Path, attachment: 
         stopping_positive=tuple(_stopping(joint, 1) for joint in description.joints),
         stopping_negative=tuple(_stopping(joint, -1) for joint in description.joints),
         pump=_pump(description),
+        cylinders=tuple(_cylinder(i, joint, ranges[i]) for i, joint in enumerate(description.joints)),
         solids=solids,
         undercarriage=Undercarriage(
             description.undercarriage.kind, description.undercarriage.gauge_m, description.undercarriage.height_m
@@ -271,6 +273,21 @@ def _exclusive_groups(description: MachineDescription, joints: tuple[str, ...]) 
 def _stopping(joint: Joint, direction: int) -> Stopping:
     spec = joint.stopping_positive if direction > 0 else joint.stopping_negative
     return Stopping(spec.dead_time_s, spec.lag_s, spec.deceleration, spec.tolerance_percent / 100.0)
+
+
+def _cylinder(i: int, joint: Joint, limits: _Range) -> Cylinder | None:
+    spec = joint.cylinder if isinstance(joint, RevoluteJoint) else None
+    if spec is None:
+        return None
+    cylinder = Cylinder(spec.a_m, spec.b_m, math.radians(spec.offset_deg), limits.lower, limits.upper)
+    if limits.continuous or not cylinder.fits:
+        raise DescriptionError(
+            ("joints", i, "cylinder", "offset_deg"),
+            "the cylinder's triangle folds or stretches out within the joint's limits",
+            spec.offset_deg,
+            "an angle at the joint between 1 and 179 degrees over its whole range",
+        )
+    return cylinder
 
 
 def _pump(description: MachineDescription) -> Pump | None:

@@ -87,6 +87,14 @@ class SlidingStop(StoppingSpec):
         return math.inf if self.deceleration_m_s2 is None else self.deceleration_m_s2
 
 
+class CylinderSpec(Sourced):
+    """The triangle of joint, cylinder foot and rod pin; full speed is meant where it turns the joint fastest."""
+
+    a_m: Positive = Field(description="from the joint to the cylinder's foot")
+    b_m: Positive = Field(description="from the joint to the rod's pin")
+    offset_deg: Degrees = Field(description="the triangle's angle at joint position 0; it grows with the joint")
+
+
 class JointSpec(Sourced):
     """What revolute and prismatic joints have in common."""
 
@@ -113,6 +121,7 @@ class RevoluteJoint(JointSpec):
     speed_negative_deg_s: Positive | None = None
     stopping_positive: TurningStop = TurningStop()
     stopping_negative: TurningStop = TurningStop()
+    cylinder: CylinderSpec | None = None
 
 
 class PrismaticJoint(JointSpec):

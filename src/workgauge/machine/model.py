@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from workgauge.machine.cylinder import Cylinder
 from workgauge.machine.parts import JointGeometry, LinkSolid, Pump, Sensor, SkippedPair, Stopping, Undercarriage
 from workgauge.machine.positioning import PositioningSpec
 from workgauge.values.arrays import Floats, Ints, freeze, frozen, frozen_ints
@@ -49,7 +50,7 @@ class MachineModel:
         levers: (n) lever name or None. lever_signs: (n,) joint direction at the lever's positive side.
         exclusive_groups: joint indices; joints of different groups cannot move together.
         stopping_positive, stopping_negative: (n) how each joint comes to rest.
-        pump: shared flow, or None.
+        pump: shared flow, or None. cylinders: (n) what turns each joint, where the file says so, else None.
         solids: the boxes, in a fixed order. self_pairs: pairs of solid indices to be kept apart.
         skipped_pairs: pairs of solids on different links that are not checked, with the reason.
         undercarriage, sensors: see there.
@@ -86,6 +87,7 @@ class MachineModel:
     self_pairs: tuple[tuple[int, int], ...] = ()
     skipped_pairs: tuple[SkippedPair, ...] = ()
     positioning: PositioningSpec | None = None
+    cylinders: tuple[Cylinder | None, ...] = ()
 
     _pin: Any = field(init=False, repr=False)
     _scratch: Any = field(init=False, repr=False)  # overwritten by every forward(); nothing is kept in it
