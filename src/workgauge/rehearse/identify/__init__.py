@@ -1,0 +1,1 @@
+"""How a machine stops, found from a log of steps and stops."""
