@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from workgauge import __version__
+from workgauge.app.identify_command import identify_command
 from workgauge.app.limits_command import limits_command
 from workgauge.app.output import SeveralFiles
 from workgauge.app.run_command import run_command
@@ -65,6 +66,7 @@ app.command("site")(site_command)
 app.command("at")(at_command)
 app.command("limits")(limits_command)
 app.command("run", cls=SeveralFiles)(run_command)
+app.command("identify")(identify_command)
 app.command("schema")(schema_command)
 
 

@@ -3,7 +3,9 @@
 import csv
 import math
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -132,11 +134,19 @@ def _from_csv(path: Path) -> StepLog:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         raise InputError("the log cannot be read", file=path, value=str(error)) from error
-    rows = csv.reader(text.splitlines())
+    rows = csv.reader(StringIO(text, newline=""))
+    try:
+        return _from_rows(path, rows)
+    except csv.Error as error:
+        raise InputError("not a CSV file", file=path, line=rows.line_num, value=str(error)) from None
+
+
+def _from_rows(path: Path, rows: Any) -> StepLog:
     header = [name.strip() for name in next(rows, [])]
     positions, valves = _columns(path, header)
     kept, numbers = [], []
-    for line, row in enumerate(rows, start=2):
+    for row in rows:
+        line = rows.line_num
         if not row:
             continue
         if len(row) != len(header):
