@@ -39,6 +39,7 @@ class DirectionFit:
     """How a joint stops out of one direction.
 
     Attributes:
+        together_s: dead time and lag together, which a log says much better than each.
         dead_time_s, lag_s, deceleration: of the stopping model [s, s, rad/s^2 or m/s^2]; deceleration and its upper
             bound are infinite where no limit shows.
         full_speed, dead_band: joint speed at the full valve and share of the valve's travel that does nothing; None
@@ -48,6 +49,7 @@ class DirectionFit:
         step: quantisation of the positions, 0 if none shows.
     """
 
+    together_s: Estimate
     dead_time_s: Estimate
     lag_s: Estimate
     deceleration: Estimate
@@ -161,10 +163,16 @@ def fit_direction(stops: Sequence[Stop], seed: int = 0) -> DirectionFit:
     step = _quantisation(stops)
     sd, inflation = _deviations(problem, p, noise, step, seed)
     bounds = [_bounds(problem, p, k, sd[k], cost + (K * noise * inflation) ** 2) for k in range(3)]
-    valves = _valves(stops, p[3:], sd[3:])
+    valves = _valves(stops, p[3:], sd[3:-1])
     total = float(np.square(problem.centred(problem.x)).sum())
     deceleration = _inverse(p[SLOW])
+    both, spread = float(p[DEAD] + p[LAG]), K * float(sd[-1])
     return DirectionFit(
+        Estimate(
+            both,
+            max(both - spread, float(bounds[DEAD][0] + bounds[LAG][0])),
+            min(both + spread, float(bounds[DEAD][1] + bounds[LAG][1])),
+        ),
         Estimate(float(p[DEAD]), *bounds[DEAD]),
         Estimate(float(p[LAG]), *bounds[LAG]),
         Estimate(deceleration, _inverse(bounds[SLOW][1]), _inverse(bounds[SLOW][0])),
@@ -216,17 +224,17 @@ def _quantisation(stops: Sequence[Stop]) -> float:
 
 
 def _deviations(problem: _Problem, p: Floats, noise: float, step: float, seed: int) -> tuple[Floats, float]:
-    """Return standard deviations (3 + stops), and how many times those of independent noise they are.
+    """Return standard deviations, and how many times those of independent noise they are.
 
-    They are the larger of noise and quantisation drawn anew, and the scatter between stops.
-
-    The first is a bootstrap of the measurement, linearised at the fit. The second is the covariance clustered by
-    stops, which also sees what the model cannot follow.
+    There are 3 + stops of them, as the parameters, and one of dead time and lag together. They are the larger of two:
+    a bootstrap of noise and quantisation, linearised at the fit; and the covariance clustered by stops, which also
+    sees what the model cannot follow.
     """
     J = problem.jacobian(p)
     scale = np.linalg.norm(J, axis=0)
     scale[scale == 0.0] = np.inf
     inverse = np.linalg.pinv(J / scale, rcond=1e-9) / scale[:, None]
+    inverse = np.vstack([inverse, inverse[DEAD] + inverse[LAG]])
     rng, draws = np.random.default_rng(seed), []
     white = math.sqrt(max(noise * noise - step * step / 12.0, (0.02 * noise) ** 2))
     ways, stops = problem.ways(p), len(problem.stops)
@@ -243,7 +251,7 @@ def _deviations(problem: _Problem, p: Floats, noise: float, step: float, seed: i
         for begin, end in zip(problem.ends[:-1], problem.ends[1:], strict=True)
     ]
     clustered = np.sqrt(np.square(pieces).sum(axis=0) * stops / max(stops - 2.0, 1.0))
-    clustered[3:] = 0.0  # a speed belongs to one stop
+    clustered[3:-1] = 0.0  # a speed belongs to one stop
     sd = np.maximum(drawn, clustered)
     alone = noise * np.linalg.norm(inverse[:3], axis=1)
     inflation = float(np.max(sd[:3][alone > 0.0] / alone[alone > 0.0], initial=1.0))
@@ -265,7 +273,7 @@ def _edge(problem: _Problem, p: Floats, k: int, sign: int, most: float, sd: floa
     """Return how far parameter k may go, the others refitted, until the cost exceeds `most`."""
     value, inside, warm = float(p[k]), float(p[k]), p
     scale = 0.01 if k != SLOW else 0.02
-    reach = max(K * sd if 0.0 < sd < 10.0 else 0.0, 0.3 * value, scale)
+    reach = max(min(K * sd, 5.0 * scale), 0.3 * value, scale)
     outside = None
     for _ in range(6):
         tried = max(value + sign * reach, 0.0)
@@ -279,7 +287,9 @@ def _edge(problem: _Problem, p: Floats, k: int, sign: int, most: float, sd: floa
         reach *= 2.0
     if outside is None:
         return inside if sign < 0 else math.inf
-    for _ in range(7):
+    for _ in range(12):
+        if abs(outside - inside) < 0.03 * abs(outside - value) + 1e-5:
+            break
         middle = 0.5 * (inside + outside)
         found, cost = problem.solve(warm, (k, middle), 12)
         if cost > most:

@@ -16,7 +16,7 @@ from workgauge.values.commands import VALVE_FULL, ValveCommand
 from workgauge.values.measurements import Posture, Stamp
 
 #: Lever positions, each held and let go in both directions.
-LEVELS = (1.0, 0.45, 0.75, 0.6, 1.0, 0.9)
+LEVELS = (1.0, 0.25, 0.75, 0.45, 1.0, 0.6)
 #: Share of a joint's range a motion may use.
 _ROOM = 0.85
 

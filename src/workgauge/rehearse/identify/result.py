@@ -28,7 +28,7 @@ UNSEEN = 0.2
 #: Bounds wider than this make the model itself slower instead of its tolerance larger [share].
 LARGEST = 0.5
 #: A log says too little if dead time and lag together could be so many times as long, and so much more [s].
-VAGUE, VAGUE_S = 1.5, 0.08
+VAGUE, VAGUE_S = 2.0, 0.1
 #: Times below this are not worth a tolerance of their own [s].
 SHORT_S = 0.005
 #: Shares of full speed in the table of stops.
@@ -130,12 +130,12 @@ def _side(log: StepLog, j: int, direction: int, tolerance: float) -> SideStop:
             f"the log does not excite it enough{unused}", file=log.file, element=where, value=error, allowed=allowed
         ) from None
     dead, lag, slow = fit.dead_time_s, fit.lag_s, fit.deceleration
-    if dead.high + lag.high > VAGUE * (dead.value + lag.value) + VAGUE_S:
+    if fit.together_s.high > VAGUE * fit.together_s.value + VAGUE_S:
         raise InputError(
             "the log does not say enough about its dead time and lag",
             file=log.file,
             element=f"joint {log.joints[j]}, {sign} direction",
-            value=f"{dead.value + lag.value:.3f} s together, up to {dead.high + lag.high:.3f} s",
+            value=f"{fit.together_s.value:.3f} s together, up to {fit.together_s.high:.3f} s",
         )
     needed = max(tolerance, min(max(_spread(dead), _spread(lag)), LARGEST))
     needed = math.ceil(100.0 * needed - 1e-9) / 100.0
