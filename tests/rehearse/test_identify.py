@@ -228,6 +228,12 @@ def test_a_joint_that_is_not_excited_is_refused() -> None:
         identify(good(), joints=["boom"])
 
 
+def test_a_stop_at_the_joints_end_is_left_out() -> None:
+    stops, left_out = find_stops(good(), 0, 1, (-9.0, float(good().q.max()) + 0.005))
+    assert len(left_out) == 1 and "end" in left_out[0] and len(stops) == len(LEVELS) - 1
+    assert find_stops(good(), 0, -1, (-9.0, 9.0))[1] == []
+
+
 def test_the_model_covers_its_bounds_and_every_stop() -> None:
     (joint,) = identify(good())
     model, slow = stopping_model([joint]), stopping_model([joint]).slowest()

@@ -17,6 +17,8 @@ from workgauge.values.measurements import Posture, Stamp
 
 #: Lever positions, each held and let go in both directions.
 LEVELS = (1.0, 0.25, 0.75, 0.45, 1.0, 0.6)
+#: The valve that brings a joint to where a motion begins.
+APPROACH = 0.4
 #: Share of a joint's range a motion may use.
 _ROOM = 0.85
 
@@ -108,6 +110,7 @@ class _Drive:
     def __init__(
         self, machine: MachineModel, spec: HydraulicSpec, encoders: Encoders, log: LogWriter, tick_s: float
     ) -> None:
+        self._spec = spec
         self._machine, self._joints = machine, HydraulicJoints(machine, spec)
         self._q = np.array(machine.home)
         self._encoders, self._rng = encoders, np.random.default_rng(encoders.seed)
@@ -129,14 +132,18 @@ class _Drive:
             self.approach(j, middle - sign * (0.5 * way + 0.5 * spare))
 
     def approach(self, j: int, position: float) -> None:
-        """Bring a joint near a position by short moves, and let it come to rest."""
-        for share in (0.5, 0.3):
-            for _ in range(round(120.0 / self._tick_s)):
-                away = position - self._q[j]
-                if abs(away) < 0.05 * max(abs(position), 1.0):
-                    break
-                self.hold(j, math.copysign(share, away), self._tick_s)
-            self.hold(j, 0.0, 3.0)
+        """Bring a joint near a position by moves of the right length, and let it come to rest after each."""
+        spec = self._spec
+        for _ in range(4):
+            away = position - float(self._q[j])
+            side = 0 if away > 0.0 else 1
+            band = float(spec.dead_band[side, j])
+            speed = float(spec.full_speed[side, j]) * max(APPROACH - band, 0.05) / (1.0 - band)
+            seconds = abs(away) / speed
+            if seconds < 0.5:
+                return
+            self.hold(j, math.copysign(APPROACH, away), seconds)
+            self.hold(j, 0.0, 3.0 + 2.0 * float(spec.dead_time_s[side, j]))
 
     def _tick(self, valves: list[int]) -> None:
         e, now = self._encoders, self._now_ns

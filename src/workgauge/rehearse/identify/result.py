@@ -103,7 +103,8 @@ def identify(
     found = []
     for j, name in enumerate(log.joints):
         if joints is None or name in joints:
-            sides = _side(log, j, 1, tolerance), _side(log, j, -1, tolerance)
+            ends = None if machine is None else (float(machine.q_min[j]), float(machine.q_max[j]))
+            sides = _side(log, j, 1, tolerance, ends), _side(log, j, -1, tolerance, ends)
             found.append(JointStop(name, log.prismatic[j], sides, None if arms is None else arms[name]))
     return tuple(found)
 
@@ -117,8 +118,10 @@ def stopping_model(found: Sequence[JointStop]) -> StoppingModel:
     return StoppingModel(rows("dead_time_s"), rows("lag_s"), rows("deceleration"), rows("tolerance"))
 
 
-def _side(log: StepLog, j: int, direction: int, tolerance: float) -> SideStop:
-    stops, left_out = find_stops(log, j, direction)
+def _side(
+    log: StepLog, j: int, direction: int, tolerance: float, ends: tuple[float, float] | None = None
+) -> SideStop:
+    stops, left_out = find_stops(log, j, direction, ends)
     sign = "positive" if direction > 0 else "negative"
     try:
         fit = fit_direction(stops)

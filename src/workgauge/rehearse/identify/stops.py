@@ -16,6 +16,8 @@ SHORTEST_HOLD_S, LONGEST_CLOSING_S, SHORTEST_REST_S = 0.5, 0.5, 0.5
 HOLD_SHARE, LONGEST_PRE_S, LONGEST_REST_S = 0.4, 0.5, 8.0
 #: A stop counts for so many times the way made over the speed before, and so long after that [s].
 STILL_SHARE, STILL_S = 3.0, 0.7
+#: A joint this near its end may have run onto it [rad, m].
+NEAR_END = 0.01
 #: Speeds of the two halves of that part may differ by this share, beside noise.
 STEADY = 0.03
 
@@ -49,8 +51,14 @@ class Stop:
         return float(smooth.max()) - start
 
 
-def find_stops(log: StepLog, j: int, direction: int) -> tuple[list[Stop], list[str]]:
-    """Return the stops of joint j out of one direction (+1, -1), and why others were left out."""
+def find_stops(
+    log: StepLog, j: int, direction: int, ends: tuple[float, float] | None = None
+) -> tuple[list[Stop], list[str]]:
+    """Return the stops of joint j out of one direction (+1, -1), and why others were left out.
+
+    Args:
+        log, j, direction: see above. ends: of the joint, if known [rad, m]; a joint that runs onto them says nothing.
+    """
     u = log.valve[:, j] * direction
     opened = np.abs(log.valve[:, j]) > OPEN
     stops: list[Stop] = []
@@ -60,6 +68,10 @@ def find_stops(log: StepLog, j: int, direction: int) -> tuple[list[Stop], list[s
         if u[k - 1] <= 0.0:
             continue
         found = _stop_at(log, j, direction, u, opened, k)
+        if isinstance(found, Stop) and ends is not None:
+            low, high = sorted(end * direction for end in ends)
+            if found.x.min() < low + NEAR_END or found.x.max() > high - NEAR_END:
+                found = "ran onto the joint's end"
         if isinstance(found, Stop):
             stops.append(found)
         else:
