@@ -25,6 +25,7 @@ class TickInputs:
         posture, pose, intent: the newest of each, None if there never was one.
         scene: the limits around the machine.
         off_states: work states known to be off, see `Activity`.
+        let_off: tracks the undercarriage stands on, whose envelopes are no limit for it, see `gauge.own_track`.
     """
 
     now_ns: int
@@ -33,6 +34,7 @@ class TickInputs:
     intent: Intent | None
     scene: Scene
     off_states: frozenset[str] = frozenset()
+    let_off: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

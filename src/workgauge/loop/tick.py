@@ -67,7 +67,9 @@ def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[Ti
     clearances = None
     if seen.q is not None and seen.T_site_machine is not None:
         kin = machine.forward(seen.q)
-        clearances = inputs.scene.query(kin, seen.T_site_machine, config.radius_m, now, inputs.off_states)
+        clearances = inputs.scene.query(
+            kin, seen.T_site_machine, config.radius_m, now, inputs.off_states, inputs.let_off
+        )
         if seen.intent is not None and seen.intent.enable:
             wanted, hindered, motion_memory = desired(
                 seen.intent, kin, machine, seen.T_site_machine, memory.motion, config.motion
