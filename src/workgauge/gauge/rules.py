@@ -249,10 +249,16 @@ class Voltage(Sourced):
 
 
 class OwnTrackBlock(Sourced):
-    """When the machine counts as standing on a track: how near, and how parallel."""
+    """When the machine counts as standing on a track: how near, and how parallel.
+
+    `fouling_m`: a track that branches from its own is let off too while nearer than this. `hysteresis_m`: by so much
+    a track must be nearer to become its own, or farther to be left.
+    """
 
     within_m: Size = 1.0
     heading_within_deg: Annotated[float, Field(strict=True, gt=0, le=90)] = 15.0
+    fouling_m: Size = 3.5
+    hysteresis_m: Length = 0.3
 
 
 class RuleBook(Sourced):
