@@ -165,7 +165,7 @@ def _translated(error: ValidationError, path: Path, lines: dict[str, int]) -> Sc
     parts = [str(part) for part in first["loc"]]
     if len(parts) > 2 and parts[0] == "drive":
         parts.pop(2)
-    element = ".".join(part if part.isprintable() else ascii(part) for part in parts)
+    element = ".".join(parts)
     line = next((lines[".".join(parts[:k])] for k in range(len(parts), 0, -1) if ".".join(parts[:k]) in lines), None)
     value = first["input"]
     shown = value if isinstance(value, str | int | float | bool) else None
