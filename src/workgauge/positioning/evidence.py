@@ -17,7 +17,7 @@ class HealthSeen:
     Attributes:
         now_ns: the tick's clock [ns].
         fix_age_s: age of the newest accepted solution's epoch, before this tick's is judged; inf if there is none.
-        quality: of this tick's solution, or of the newest accepted one.
+        quality: of this tick's solution; without one it is not looked at, the newest accepted one's counts on.
         sigma_m: largest horizontal 1-sigma of the pose now. correction_age_s: of the differential correction.
         innovation: this tick's solution against the pose carried on, in sigmas (`positioning.innovation`); NaN if
             there is no new solution, 0 for the very first, which has nothing to be compared with.
@@ -68,6 +68,7 @@ class HealthMemory:
         state, since_ns: the state and when it was entered.
         now_ns: clock of the last tick, -1 before the first.
         trusted_ns: epoch of the newest accepted solution on the tick's clock, None without one.
+        quality: of that solution.
         agreeing: accepted solutions in a row with nothing wrong between them, counted up to the number asked for.
         fixed: those of them in a row with ambiguities fixed and a fresh correction.
         jump_sigmas: by how much the newest solution jumped, 0 if it did not.
@@ -81,6 +82,7 @@ class HealthMemory:
     since_ns: int = 0
     now_ns: int = -1
     trusted_ns: int | None = None
+    quality: FixQuality = FixQuality.NONE
     agreeing: int = 0
     fixed: int = 0
     jump_sigmas: float = 0.0
@@ -92,7 +94,7 @@ class HealthMemory:
 
     def plain(self) -> dict[str, Any]:
         """Return the memory as numbers, strings and None: the keywords of `remembered`."""
-        return {**asdict(self), "state": self.state.value}
+        return {**asdict(self), "state": self.state.value, "quality": self.quality.value}
 
 
 def remembered(plain: Mapping[str, Any]) -> HealthMemory:
@@ -102,6 +104,8 @@ def remembered(plain: Mapping[str, Any]) -> HealthMemory:
         InputError: if it is not such a form.
     """
     try:
-        return HealthMemory(**{**plain, "state": HealthState(plain["state"])})
+        return HealthMemory(
+            **{**plain, "state": HealthState(plain["state"]), "quality": FixQuality(plain["quality"])}
+        )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError("not a health memory", element="memory", value=str(error)) from None

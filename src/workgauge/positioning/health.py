@@ -26,6 +26,8 @@ from workgauge.values.health import HealthState, PositionHealth
 from workgauge.values.navigation import FixQuality
 from workgauge.values.reasons import Reason, ReasonCode
 
+__all__ = ["HealthMemory", "HealthSeen", "judge"]
+
 #: Better states are smaller.
 _RANK = {state: rank for rank, state in enumerate(HealthState)}
 
@@ -37,6 +39,8 @@ def judge(
 
     Pure, total and deterministic; it never raises on numbers. `False` for a tick without a new solution.
     """
+    if not seen.new:
+        seen = replace(seen, quality=memory.quality)
     noted = _compared(seen, memory, thresholds)
     about = refusals(seen, noted, thresholds)
     refused = bool(about) or noted.swapped
@@ -48,9 +52,10 @@ def judge(
     overdue = carried and age_ns is not None and age_ns > as_ns(thresholds.dead_reckoning_s)
     held_still = not accept and (overdue or memory.state is HealthState.CHASSIS_FROZEN)
     moved = not accept and (memory.moved or (held_still and not _standing(seen, thresholds)))
-    noted = replace(noted, trusted_ns=trusted_ns, moved=moved, now_ns=seen.now_ns)
+    quality = seen.quality if accept else memory.quality
+    noted = replace(noted, trusted_ns=trusted_ns, quality=quality, moved=moved, now_ns=seen.now_ns)
 
-    why_stop = stops(seen, memory, noted, age_ns, relocated and memory.state.usable, thresholds)
+    why_stop = stops(seen, memory, noted, age_ns, carried, relocated and memory.state.usable, thresholds)
     noted = _counted(seen, noted, accept, bool(why_stop) or carried, thresholds)
     if relocated and not why_stop and not memory.state.usable:
         noted = replace(noted, agreeing=thresholds.innovation_in_a_row)

@@ -28,7 +28,8 @@ def refusals(seen: HealthSeen, memory: HealthMemory, limits: Thresholds) -> tupl
     """Return why no solution may be accepted now, apart from a jump; `memory` holds this tick's comparisons."""
     reasons = []
     if seen.new and seen.quality not in BELIEVED:
-        text = f"fix of quality {seen.quality.name.lower().replace('_', ' ')} is not believed"
+        name = seen.quality.name.lower().replace("_", " ")
+        text = f"fix is of quality {seen.quality.value}, {name} (needed 1 to 5)"
         reasons.append(Reason(ReasonCode.POSITION_DEGRADED, text))
     if seen.new and seen.new_age_s > limits.fix_age_s:
         text = f"fix arrives {seen.new_age_s:.2f} s old (limit {limits.fix_age_s:g} s)"
@@ -60,6 +61,7 @@ def stops(
     before: HealthMemory,
     memory: HealthMemory,
     age_ns: int | None,
+    carried: bool,
     relocated: bool,
     limits: Thresholds,
 ) -> tuple[Reason, ...]:
@@ -67,7 +69,7 @@ def stops(
 
     Args:
         before: the memory of the last tick. memory: with this tick's comparisons, trust and movement in it.
-        age_ns: of the newest accepted solution, None without one.
+        age_ns: of the newest accepted solution, None without one. carried: the pose is carried on without it.
         relocated: this tick's solution was taken as a new place while the machine could work on the old one.
     """
     reasons = [*_about_machine(seen, limits)]
@@ -86,7 +88,7 @@ def stops(
             f"{limits.innovation_in_a_row} fixes agree on it: look where the machine stands, then arm again"
         )
         reasons.append(Reason(ReasonCode.POSITION_JUMP, text))
-    return (*reasons, *_about_position(seen, before, memory, age_ns, limits))
+    return (*reasons, *_about_position(seen, memory, age_ns, carried, limits))
 
 
 def _about_machine(seen: HealthSeen, limits: Thresholds) -> list[Reason]:
@@ -108,7 +110,7 @@ def _about_machine(seen: HealthSeen, limits: Thresholds) -> list[Reason]:
 
 
 def _about_position(
-    seen: HealthSeen, before: HealthMemory, memory: HealthMemory, age_ns: int | None, limits: Thresholds
+    seen: HealthSeen, memory: HealthMemory, age_ns: int | None, carried: bool, limits: Thresholds
 ) -> list[Reason]:
     """Return why there is no position to work on."""
     if age_ns is None:
@@ -116,7 +118,7 @@ def _about_position(
     reasons = []
     longest = max(limits.dead_reckoning_s, limits.chassis_frozen_s)
     age_s = age_ns * 1e-9
-    if age_ns > as_ns(longest):
+    if carried and age_ns > as_ns(longest):
         text = f"position lost: no good fix for {age_s:.2f} s (limit {longest:g} s)"
         reasons.append(Reason(ReasonCode.POSITION_LOST, text))
     elif memory.moved:
