@@ -46,7 +46,7 @@ def pole(x: float, y: float) -> Limit:
 def setup(name: str = "rre20") -> tuple[TickConfig, Scene]:
     machine = machine_named(name)
     tool = machine.tool_pose(machine.forward(machine.home))[:3, 3]
-    config = tick_config(machine, guard_named("linear"), machine_id=ID)
+    config = tick_config(machine, guard_named("linear"), machine_id=ID, tool_sigma_m=0.0)
     return config, Scene(machine, [pole(float(tool[0]), float(tool[1]) + 3.0)])
 
 
@@ -487,5 +487,6 @@ def test_settings_that_make_no_sense_are_refused_by_name(setting: str, value: An
 
 def test_a_limit_that_keeps_its_distance_widens_the_search() -> None:
     guard, near = guard_named("linear"), pole(5.0, 5.0)
-    assert search_radius_m(guard, []) == pytest.approx(1.3)
-    assert search_radius_m(guard, [near, replace(near, stop_distance_m=5.0)]) == pytest.approx(6.3)
+    assert search_radius_m(guard, []) == pytest.approx(3.8)
+    assert search_radius_m(guard, [near, replace(near, stop_distance_m=5.0)]) == pytest.approx(8.8)
+    assert search_radius_m(guard, [], protection_m=1.0) == pytest.approx(1.8)

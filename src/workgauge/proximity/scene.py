@@ -23,6 +23,7 @@ from workgauge.proximity.shapes import (
 )
 from workgauge.proximity.store import CellShapes
 from workgauge.proximity.surface import SurfaceIndex
+from workgauge.proximity.uncertainty import LimitUncertainty
 from workgauge.values.arrays import Floats, Ints, frozen, frozen_ints
 from workgauge.values.clearances import Clearances
 from workgauge.values.limits import Activity, Limit
@@ -49,10 +50,12 @@ class Scene:
     Args:
         machine: its solids and self-collision pairs are checked.
         limits: in the site's local frame [m].
-        sigmas: how many standard deviations of a limit's tolerance count as its protection level.
+
+    Attributes:
+        uncertainty: what is not sure about the limits. largest_stop_m: largest stop distance of a limit's own [m].
     """
 
-    def __init__(self, machine: MachineModel, limits: Sequence[Limit], *, sigmas: float = 1.0) -> None:
+    def __init__(self, machine: MachineModel, limits: Sequence[Limit]) -> None:
         self.machine = machine
         self.limits = tuple(limits)
         self.limit_ids = (*(limit.id for limit in self.limits), *(f"self:{name}" for name in machine.link_names))
@@ -75,9 +78,8 @@ class Scene:
             [limit.activity != _ALWAYS or limit.own_track_of is not None for limit in self.limits], dtype=np.bool_
         )
         self._some_exempting, self._some_conditional = bool(self._exempting.any()), bool(self._conditional.any())
-        self._protections = frozen(
-            [*(sigmas * limit.tolerance_m for limit in self.limits), *(0.0 for _ in machine.link_names)]
-        )
+        self.uncertainty = LimitUncertainty.of(self.limits, len(machine.link_names))
+        self.largest_stop_m = max((limit.stop_distance_m or 0.0 for limit in self.limits), default=0.0)
         stops = (math.nan if limit.stop_distance_m is None else limit.stop_distance_m for limit in self.limits)
         self._stop_distances = frozen([*stops, *(math.nan for _ in machine.link_names)])
         # of two links, the one farther out is the one that moves, the other its limit
@@ -97,7 +99,8 @@ class Scene:
 
         Of a chain or surface, the nearest cell or triangle counts. Distances are signed: inside a box, convex solid
         or another link they are minus the least translation that leads out; inside a chain see `chain`; below a
-        surface see `surface`. Order: link solid, limit, cell; pairs of links come after the limits.
+        surface see `surface`. Order: link solid, limit, cell; pairs of links come after the limits. Protection levels
+        are zero until `protection.with_protection` puts them in.
 
         Args:
             kin: the posture, from `machine.forward`.
@@ -257,13 +260,14 @@ class Scene:
         points_limit = points_machine - distances[:, None] * normals
         links = self._link_of.take(solids)
         cells[others >= 0] = -1
-        protections, stops = self._protections.take(limits), self._stop_distances.take(limits)
-        columns = (distances, normals, points_machine, points_limit, links, others, limits, cells, protections, stops)
+        protections, stops = np.zeros(len(rows)), self._stop_distances.take(limits)
+        vectors, indices = (normals, points_machine, points_limit), (links, others, limits, cells, solids)
+        columns = (distances, *vectors, *indices, protections, stops)
         for column in columns:
             column.setflags(write=False)
         return Clearances(*columns, self.machine.link_names, self.limit_ids, radius_m)
 
     def _nothing(self, radius_m: float) -> Clearances:
         none, no_vectors, no_indices = frozen([]), frozen(np.empty((0, 3))), frozen_ints([])
-        vectors, indices = (no_vectors,) * 3, (no_indices,) * 4
+        vectors, indices = (no_vectors,) * 3, (no_indices,) * 5
         return Clearances(none, *vectors, *indices, none, none, self.machine.link_names, self.limit_ids, radius_m)

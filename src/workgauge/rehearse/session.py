@@ -128,7 +128,12 @@ class Session:
         radius_m = max(TICK_RADIUS_M, search_radius_m(self.guard, self.limits))
         self.machine_id = self.machine.name.encode()[:NAME_BYTES].decode(errors="ignore")
         self._config = tick_config(
-            self.machine, self.guard, machine_id=self.machine_id, dt_s=tick_s, radius_m=radius_m
+            self.machine,
+            self.guard,
+            machine_id=self.machine_id,
+            dt_s=tick_s,
+            radius_m=radius_m,
+            tool_sigma_m=0.0,  # perfect sensors see the attachment where it is
         )
         self._memory = first_memory(self._config)
         self._now_ns = 0
