@@ -16,7 +16,7 @@ from workgauge.values.transforms import rpy
 
 
 def random_machine(rng: np.random.Generator, tilt_link: int | None = None, antenna_link: int = 1) -> MachineModel:
-    """A machine of 3 to 6 joints with any rows, sensors mounted anyhow; joint 0 swings, the others lean on gravity."""
+    """A machine of 3 to 6 joints with any rows, sensors mounted anyhow; all joints but the swing lean on gravity."""
     n = int(rng.integers(3, 7))
     links = ["undercarriage"] + [f"j{i}" for i in range(n)]
     joints: list[dict[str, Any]] = [

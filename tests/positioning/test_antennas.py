@@ -191,7 +191,12 @@ def test_an_upright_baseline_gives_no_heading() -> None:
     machine = load_machine("rre20")
     exact = Exact(machine, np.eye(4), machine.home)
     first = exact.antenna("antenna left")
-    above = type(first)(first.link, first.position_link + [0, 1.0, 0], first.position + [0, 0, 1.0], first.covariance)
+    above = type(first)(
+        first.link,
+        first.position_link + np.array([0, 1.0, 0]),
+        first.position + np.array([0, 0, 1.0]),
+        first.covariance,
+    )
     tilt = exact.tilt("undercarriage tilt")
     assert two_antenna_pose(machine, exact.kin, first, above, tilt, np.zeros((6, 6))) is None
 

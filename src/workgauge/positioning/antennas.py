@@ -80,14 +80,17 @@ class Tilt:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Levelled:
-    """A machine levelled by its inclinometer: R_level turns the machine's up into the vertical.
+    """A machine levelled by its inclinometer.
 
     Attributes:
-        turn: (3, 3) R_level. up_gain: (3, 3), error of the link's up into error of the machine's up.
-        joint_gain: (3, n), error of the joints into error of the machine's up. tilt: what it came from.
+        turn: (3, 3), turns the machine's up into the vertical. up_machine: (3,) that up, in the machine frame.
+        up_gain: (3, 3), error of the link's up into error of the machine's up.
+        joint_gain: (3, n), error of the joints into error of the machine's up.
+        tilt: what it came from.
     """
 
     turn: Floats
+    up_machine: Floats
     up_gain: Floats
     joint_gain: Floats
     tilt: Tilt
@@ -101,7 +104,7 @@ def levelled(machine: MachineModel, kin: Kinematics, tilt: Tilt) -> Levelled:
     joint_gain = np.zeros((3, machine.n))
     if tilt.link:
         joint_gain[:, : tilt.link] = -skew(up) @ kin.spatial_jacobian[3:, : tilt.link]
-    return Levelled(level(up), R_machine_link, joint_gain, tilt)
+    return Levelled(level(up), up, R_machine_link, joint_gain, tilt)
 
 
 def two_antenna_pose(
@@ -120,7 +123,7 @@ def two_antenna_pose(
         kin: of the joints as measured when the places were. joint_covariance: (n, n) of their errors.
         common_share: correlation of the two antennas' errors, 0 to 1.
     """
-    arms, arm_gains = _arms(machine, kin, (master, rover))
+    arms, arm_gains = antenna_arms(machine, kin, (master, rover))
     attitude = levelled(machine, kin, tilt)
     arm = attitude.turn @ (arms[1] - arms[0])
     measured = rover.position - master.position
@@ -169,7 +172,7 @@ def moving_base_pose(
         baseline_machine: (3,) from master to rover in the machine frame now, and (3, n) its change with the joints:
             see `baseline`.
     """
-    (arm_machine,), (arm_gain,) = _arms(machine, kin, (antenna,))
+    (arm_machine,), (arm_gain,) = antenna_arms(machine, kin, (antenna,))
     along, along_gain = baseline_machine
     attitude = levelled(machine, kin, tilt)
     arm = attitude.turn @ along
@@ -201,11 +204,11 @@ def baseline(
         master, rover: link and place (3,) in that link's frame [m].
     """
     first, second = (PlacedAntenna(link, place, place, np.zeros((3, 3))) for link, place in (master, rover))
-    arms, gains = _arms(machine, kin, (first, second))
+    arms, gains = antenna_arms(machine, kin, (first, second))
     return arms[1] - arms[0], gains[1] - gains[0]
 
 
-def _arms(
+def antenna_arms(
     machine: MachineModel, kin: Kinematics, antennas: tuple[PlacedAntenna, ...]
 ) -> tuple[list[Floats], list[Floats]]:
     """Return where antennas sit in the machine frame (3,), and how that changes with the joints (3, n)."""
