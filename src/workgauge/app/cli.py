@@ -10,6 +10,7 @@ import typer
 from workgauge import __version__
 from workgauge.app.limits_command import limits_command
 from workgauge.app.output import SeveralFiles
+from workgauge.app.pose_command import pose_command
 from workgauge.app.run_command import run_command
 from workgauge.app.site_commands import at_command, site_command
 
@@ -64,6 +65,7 @@ def _schema_source(of: SchemaOf) -> Callable[[], dict[str, Any]]:
 app.command("site")(site_command)
 app.command("at")(at_command)
 app.command("limits")(limits_command)
+app.command("pose")(pose_command)
 app.command("run", cls=SeveralFiles)(run_command)
 app.command("schema")(schema_command)
 

@@ -94,10 +94,10 @@ class HeightModel:
     def words(self) -> str:
         """The choice in words, as every output states it."""
         if self.kind == "constant":
-            return f"height: ellipsoidal minus a constant geoid separation of {self.geoid_separation_m:g} m"
+            return f"ellipsoidal minus a constant geoid separation of {self.geoid_separation_m:g} m"
         if self.kind == "grid":
-            return f"height: ellipsoidal minus the geoid of the grid {self.grid}"
-        return "height: above mean sea level as the receiver sends it, by the receiver's own geoid separation"
+            return f"ellipsoidal minus the geoid of the grid {self.grid}"
+        return "above mean sea level as the receiver sends it, by the receiver's own geoid separation"
 
     def height(self, fix: GnssFix) -> float:
         """Return the site's height of an antenna [m]; NaN if it is unknown."""
