@@ -15,6 +15,7 @@ from workgauge.machine.description import (
     BoxSpec,
     Joint,
     MachineDescription,
+    Pose,
     RevoluteJoint,
 )
 from workgauge.machine.model import MachineModel
@@ -91,8 +92,8 @@ def build(name: str, description: MachineDescription, folder: Path, attachment: 
         ),
         sensors=_sensors(description, links),
         positioning=description.positioning,
-        T_link_tool=matrix_of(mounted.tool),
-        tool_tolerance_m=mounted.tolerance_m,
+        T_link_tool=matrix_of(mounted.tool or Pose()),
+        tool_tolerance_m=mounted.tolerance_m or 0.0,
         chain=chain,
     )
     pairs, skipped = find_self_pairs(machine, _allowed_contacts(description))
@@ -185,11 +186,20 @@ def _range(i: int, joint: Joint, urdf: UrdfJoint | None) -> _Range:
 def _attachment(description: MachineDescription, attachment: str | None) -> AttachmentSpec:
     names = [known.name for known in description.attachments]
     _unique(names, "attachments")
-    if attachment is None:
-        return description.attachments[0]
-    if attachment not in names:
+    if attachment is not None and attachment not in names:
         raise DescriptionError(("attachments",), "unknown attachment", attachment, ", ".join(names))
-    return description.attachments[names.index(attachment)]
+    at = 0 if attachment is None else names.index(attachment)
+    mounted = description.attachments[at]
+    missing = [key for key in ("tool", "tolerance_m") if getattr(mounted, key) is None]
+    if description.positioning is None and mounted.tool is not None:
+        missing = []
+    if missing:
+        raise DescriptionError(
+            ("attachments", at),
+            f"attachment {mounted.name} is not measured up, it has no {' and no '.join(missing)}",
+            allowed="what `workgauge measure-up` prints, or a declared tool and tolerance_m",
+        )
+    return mounted
 
 
 def _solids(
