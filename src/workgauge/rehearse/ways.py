@@ -12,6 +12,7 @@ from workgauge.geodesy.frame import SiteFrame
 from workgauge.machine.model import MachineModel
 from workgauge.rehearse.scenario import OnGround, OnTrack
 from workgauge.rehearse.start import Rails, Stand, on_ground
+from workgauge.site.alignment import Alignment
 from workgauge.site.model import SiteModel
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.errors import InputError, ScenarioError
@@ -35,6 +36,10 @@ class RailNetwork:
     def rails(self, name: str) -> Rails:
         """Return the rails of the alignment of that name (the first, if several are called so)."""
         return next(self._rails[id(a)] for a in self._alignments if a.name == name)
+
+    def of(self, alignment: Alignment) -> Rails:
+        """Return the rails of one of the site's alignments."""
+        return self._rails[id(alignment)]
 
     def onwards(self, rails: Rails, end_m: float, ahead: float) -> tuple[Rails, float, float] | None:
         """Return the rails that lead on from an end, the distance along them there, and which way they are travelled.
