@@ -9,8 +9,8 @@ import numpy as np
 from workgauge.machine.load import machine_from
 from workgauge.machine.model import MachineModel
 from workgauge.positioning.antennas import PlacedAntenna, Tilt
-from workgauge.positioning.attitude import rotation, up_seen
-from workgauge.positioning.posture import Reading
+from workgauge.positioning.attitude import rotation, rotation_vector, up_seen, up_sides
+from workgauge.positioning.posture import PostureSolver, Reading
 from workgauge.values.arrays import Floats
 from workgauge.values.transforms import rpy
 
@@ -84,7 +84,7 @@ def random_machine(rng: np.random.Generator, tilt_link: int | None = None, anten
             "base": {"position_m": rng.uniform(-0.3, 0.3, 3).tolist(), "rpy_deg": rng.uniform(-5, 5, 3).tolist()},
             "joints": joints,
             "solids": [{"name": "box", "link": "undercarriage", "centre_m": [0, 0, 0], "size_m": [1, 1, 1]}],
-            "attachments": [{"name": "hook", "tool": {}}],
+            "attachments": [{"name": "hook", "tool": {}, "tolerance_m": 0.01}],
             "sensors": sensors,
             "positioning": {
                 "receivers": [
@@ -147,16 +147,13 @@ class Exact:
         sensor = self.sensors[name]
         roll, pitch = self.inclination(name)
         R = sensor.T_link_sensor[:3, :3]
-        roll, pitch = roll + error[0], pitch + error[1]
-        from workgauge.positioning.attitude import up_changes
-
-        gain = R @ np.array(up_changes(roll, pitch)).T
-        return Tilt(sensor.link, R @ np.array(up_seen(roll, pitch)), sigma**2 * gain @ gain.T)
+        sides = np.array(up_sides(roll, pitch))
+        up = np.array(up_seen(roll, pitch)) + np.array(error) @ sides
+        gain = R @ sides.T
+        return Tilt(sensor.link, R @ (up / np.linalg.norm(up)), sigma**2 * gain @ gain.T)
 
     def readings(self) -> list[Reading]:
         """One reading per channel of the posture solver."""
-        from workgauge.positioning.posture import PostureSolver
-
         assert self.machine.positioning is not None
         joints = {joint.sensor: joint for joint in self.machine.positioning.joints}
         out = []
@@ -170,10 +167,17 @@ class Exact:
         return out
 
 
+def tipped(reading: Reading, part: int, angle: float) -> Reading:
+    """An inclinometer's reading with its vertical tipped towards one of its two sides [rad]."""
+    up = np.array(up_seen(reading.first, reading.second)) + angle * np.array(
+        up_sides(reading.first, reading.second)[part]
+    )
+    roll, pitch = reading_of_up(up / np.linalg.norm(up))
+    return reading._replace(first=roll, second=pitch)
+
+
 def pose_error(T_true: Floats, T: Floats) -> Floats:
     """(6,) translation and rotation vector that lead from the estimated to the true pose."""
-    from workgauge.positioning.attitude import rotation_vector
-
     return np.concatenate([T_true[:3, 3] - T[:3, 3], rotation_vector(T_true[:3, :3] @ T[:3, :3].T)])
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
 from workgauge.positioning.antennas import PoseSolution, baseline, moving_base_pose, two_antenna_pose
-from workgauge.positioning.attitude import up_changes, up_seen
+from workgauge.positioning.attitude import up_seen, up_sides
 from workgauge.values.arrays import Floats
 
 from .kit import Exact, pose_error, random_machine, random_pose, random_q
@@ -221,9 +221,9 @@ def test_a_machine_upside_down_is_levelled_too() -> None:
 
 @settings(max_examples=100, deadline=None)
 @given(st.floats(-3, 3), st.floats(-1.5, 1.5))
-def test_up_changes_as_it_says(roll: float, pitch: float) -> None:
-    h = 1e-6
-    by_roll, by_pitch = up_changes(roll, pitch)
-    for change, (dr, dp) in ((by_roll, (h, 0.0)), (by_pitch, (0.0, h))):
+def test_the_sides_of_up_lead_to_more_roll_and_more_pitch(roll: float, pitch: float) -> None:
+    h, up, sides = 1e-6, np.array(up_seen(roll, pitch)), np.array(up_sides(roll, pitch))
+    np.testing.assert_allclose(np.vstack([up, sides]) @ np.vstack([up, sides]).T, np.eye(3), atol=1e-12)
+    for side, (dr, dp), length in zip(sides, ((h, 0.0), (0.0, h)), (math.cos(pitch), 1.0), strict=True):
         slope = (np.array(up_seen(roll + dr, pitch + dp)) - np.array(up_seen(roll - dr, pitch - dp))) / (2 * h)
-        np.testing.assert_allclose(change, slope, atol=1e-9)
+        np.testing.assert_allclose(length * side, slope, atol=1e-9)

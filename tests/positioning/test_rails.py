@@ -125,7 +125,7 @@ def test_the_pose_comes_back_exactly(seed: int, kind: str, forward: bool) -> Non
 @pytest.mark.parametrize("kind", ["two", "one"])
 @pytest.mark.parametrize("sigma", [0.015, 0.3, 0.7])
 def test_weights_are_right_and_the_track_is_the_floor(kind: str, sigma: float) -> None:
-    """Truth drawn round the track, receivers round the truth: the posterior is calibrated, what is handed on wider."""
+    """Truth drawn round the track, receivers round it: the posterior is calibrated, what is handed on wider."""
     rng, which, s = np.random.default_rng(9), track(0), 700.0
     T_track, origin = place(which, s, True)
     state = which.alignment.at([s])

@@ -54,10 +54,13 @@ def up_seen(roll: float, pitch: float) -> Vec:
     return (-math.sin(pitch), cp * math.sin(roll), cp * math.cos(roll))
 
 
-def up_changes(roll: float, pitch: float) -> tuple[Vec, Vec]:
-    """Return how `up_seen` changes with roll and with pitch."""
+def up_sides(roll: float, pitch: float) -> tuple[Vec, Vec]:
+    """Return two unit vectors square to `up_seen` and to each other: towards more roll, and towards more pitch.
+
+    An inclinometer's error tilts the vertical as much about every level axis, whichever way the sensor lies.
+    """
     sr, cr, sp, cp = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
-    return (0.0, cp * cr, -cp * sr), (-cp, -sp * sr, -sp * cr)
+    return (0.0, cr, -sr), (-cp, -sp * sr, -sp * cr)
 
 
 def level(up: Floats) -> Floats:

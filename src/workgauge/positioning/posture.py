@@ -31,8 +31,8 @@ from workgauge.positioning.attitude import (
     times,
     transposed_times,
     turned,
-    up_changes,
     up_seen,
+    up_sides,
 )
 from workgauge.values.arrays import Floats, frozen
 
@@ -199,7 +199,7 @@ class PostureSolver:
 
     def _up_gain(self, channel: int, reading: Reading) -> Floats:
         mounting = self.channels[channel].mounting
-        by_roll, by_pitch = up_changes(reading.first, reading.second)
+        by_roll, by_pitch = up_sides(reading.first, reading.second)
         return np.array([times(mounting, by_roll), times(mounting, by_pitch)]).T
 
     def _of(
@@ -235,10 +235,10 @@ class PostureSolver:
         side_v = tuple(part / square_v for part in plane)
         side_w = tuple(part / square_w for part in cross(a, w))
         start = self._starts[joint.channel]
-        for k, change in enumerate(up_changes(reading.first, reading.second)):
+        for k, change in enumerate(up_sides(reading.first, reading.second)):
             gain[start + k] -= dot(side_v, times(joint.child, times(own.mounting, change)))  # type: ignore[arg-type]
         start = self._starts[joint.before]
-        for k, change in enumerate(up_changes(reading_before.first, reading_before.second)):
+        for k, change in enumerate(up_sides(reading_before.first, reading_before.second)):
             moved = self._carried(times(before.mounting, change), before.link, q)
             gain[start + k] += dot(side_w, transposed_times(joint.parent, moved))  # type: ignore[arg-type]
         up = self.up(joint.before, reading_before)
