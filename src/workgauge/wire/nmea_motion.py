@@ -159,7 +159,7 @@ def read_avr(v: dict[str, Any], by: Reading) -> tuple[Measurement, ...]:
     none = quality is FixQuality.NONE
     return (
         GnssHeading(
-            by.timed(v["utctime"]),
+            by.timed(v["utctime"], valid=not none),
             "PTNL,AVR",
             math.nan if none else course(v["yaw"]),
             v["utctime"],

@@ -134,7 +134,7 @@ def read_gga(v: dict[str, Any], by: Reading) -> tuple[Measurement, ...]:
     latitude, longitude = _place(v, quality)
     return (
         GnssFix(
-            by.timed(v["time"]),
+            by.timed(v["time"], valid=quality is not FixQuality.NONE),
             "GGA",
             latitude,
             longitude,
@@ -172,7 +172,8 @@ def read_gll(v: dict[str, Any], by: Reading) -> tuple[Measurement, ...]:
     """One fix."""
     quality = read_mode(v["status"], v["posMode"])
     latitude, longitude = _place(v, quality)
-    return (GnssFix(by.timed(v["time"]), "GLL", latitude, longitude, v["time"], quality=quality),)
+    stamp = by.timed(v["time"], valid=quality is not FixQuality.NONE)
+    return (GnssFix(stamp, "GLL", latitude, longitude, v["time"], quality=quality),)
 
 
 def write_gll(parts: Parts) -> dict[str, Any]:
@@ -187,11 +188,11 @@ def write_gll(parts: Parts) -> dict[str, Any]:
 
 
 def read_rmc(v: dict[str, Any], by: Reading) -> tuple[Measurement, ...]:
-    """A fix and a velocity; the date counts from a valid sentence only, as receivers make one up before."""
+    """A fix and a velocity; time and date count from a valid sentence only, as receivers make them up before."""
     quality = read_mode(v["status"], v["posMode"])
     latitude, longitude = _place(v, quality)
     valid = quality is not FixQuality.NONE
-    stamp = by.timed(v["time"], v["date"] if valid else None)
+    stamp = by.timed(v["time"], v["date"], valid)
     return (
         GnssFix(stamp, "RMC", latitude, longitude, v["time"], quality=quality),
         GnssVelocity(
@@ -223,7 +224,7 @@ def read_ggk(v: dict[str, Any], by: Reading) -> tuple[Measurement, ...]:
     quality = _TRIMBLE.get(v["gpsQual"] or 0, FixQuality.OTHER)
     latitude, longitude = _place(v, quality)
     kind, height = v["height"]
-    stamp = by.timed(v["utctime"], v["utcdate"])
+    stamp = by.timed(v["utctime"], v["utcdate"], quality is not FixQuality.NONE)
     fix = {"height_ellipsoid_m" if kind == "EHT" else "height_msl_m": height}
     return (
         GnssFix(
@@ -259,7 +260,7 @@ def read_pjk(v: dict[str, Any], by: Reading) -> tuple[Measurement, ...]:
     kind, height = v["height"]
     return (
         GnssGridFix(
-            by.timed(v["utctime"], v["utcdate"]),
+            by.timed(v["utctime"], v["utcdate"], not none),
             "PTNL,PJK",
             math.nan if none else v["easting"],
             math.nan if none else v["northing"],
@@ -293,7 +294,7 @@ def read_pos(v: dict[str, Any], by: Reading) -> tuple[Measurement, ...]:
         quality = _ASHTECH.get(v["solnType"], FixQuality.OTHER)
     latitude, longitude = _place(v, quality)
     valid = quality is not FixQuality.NONE
-    stamp = by.timed(v["utctime"])
+    stamp = by.timed(v["utctime"], valid=valid)
     return (
         GnssFix(
             stamp,

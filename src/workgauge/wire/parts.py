@@ -26,8 +26,13 @@ class Reading:
         """Return the stamp of a value of that epoch."""
         return Stamp(self.machine_id, self.received_ns, self.source, epoch_ns)
 
-    def timed(self, time_of_day_s: float, day: int | None = None) -> Stamp:
-        """Return the stamp of a value of that time of day; without a day (since 1970) the carried date counts."""
+    def timed(self, time_of_day_s: float, day: int | None = None, valid: bool = True) -> Stamp:
+        """Return the stamp of a value of that time of day; without a day (since 1970) the carried date counts.
+
+        Without a valid fix there is no epoch: some receivers then send a time they made up.
+        """
+        if not valid:
+            return self.stamp()
         if day is None or math.isnan(time_of_day_s):
             return self.stamp(self.epochs.at(self.source, time_of_day_s, self.received_ns))
         return self.stamp(self.epochs.dated(self.source, day, time_of_day_s, self.received_ns))

@@ -20,6 +20,7 @@ from workgauge.wire.ubx_fields import Payload
 
 _Q = FixQuality
 _NO_FIX, _DEAD_RECKONING, _2D, _3D, _GNSS_AND_DR, _TIME_ONLY = range(6)
+_PVT_QUALITIES = (_Q.NONE, _Q.SINGLE, _Q.DIFFERENTIAL, _Q.FLOAT, _Q.FIXED, _Q.DEAD_RECKONING)
 _CARRIERS = {_Q.FLOAT: 1, _Q.FIXED: 2}
 #: Upper ends of NAV-PVT's classes of correction age [s]; the last one is open, and stands for twice its beginning.
 _AGES = (math.nan, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 90.0, 120.0, 240.0)
@@ -111,52 +112,57 @@ def read_pvt(v: dict[str, Any], by: Reading) -> tuple[Measurement, ...]:
 def write_pvt(parts: Parts) -> dict[str, float]:
     """A fix, and a velocity if given; an error if given counts for the fix that has no covariance of its own."""
     fix, velocity, error = parts.need(GnssFix), parts.get(GnssVelocity), parts.get(GnssError)
-    covariance = error.covariance if fix.covariance is None and error is not None else fix.covariance
-    h_mm, v_mm = _accuracies_mm(covariance)
+    if fix.quality not in _PVT_QUALITIES:
+        raise WireError("the message has no number for this quality", element="NAV-PVT", value=fix.quality.name)
     none = fix.quality is FixQuality.NONE
-    values = {
+    kind = _DEAD_RECKONING if fix.quality is _Q.DEAD_RECKONING else _3D
+    return {
         **_time(parts),
-        "fixType": _NO_FIX if none else _DEAD_RECKONING if fix.quality is _Q.DEAD_RECKONING else _3D,
+        "fixType": _NO_FIX if none else kind,
         "gnssFixOk": not none,
         "diffSoln": fix.quality in (_Q.DIFFERENTIAL, _Q.FLOAT, _Q.FIXED),
         "carrSoln": _CARRIERS.get(fix.quality, 0),
         "invalidLlh": none,
         "numSV": fix.satellites or 0,
-        **_heights_and_place(fix),
-        "hAcc": h_mm,
-        "vAcc": v_mm,
-        "lastCorrectionAge": next(
-            (k for k, age in enumerate(_AGES) if fix.correction_age_s <= age), 0 if none else _open(fix)
-        ),
+        **_place_values(fix, error),
+        "lastCorrectionAge": _age_class(fix.correction_age_s),
+        **_velocity_values(velocity),
     }
-    if fix.quality not in (_Q.NONE, _Q.SINGLE, _Q.DIFFERENTIAL, _Q.FLOAT, _Q.FIXED, _Q.DEAD_RECKONING):
-        raise WireError("the message has no number for this quality", element="NAV-PVT", value=fix.quality.name)
-    if velocity is not None and not math.isnan(velocity.speed_m_s):
-        north, east = math.cos(velocity.course), math.sin(velocity.course)
-        still = 0.0 if math.isnan(velocity.course) else velocity.speed_m_s * 1e3
-        values |= {
-            "velN": 0.0 if math.isnan(north) else still * north,
-            "velE": 0.0 if math.isnan(east) else still * east,
-            "velD": -velocity.climb_m_s * 1e3,
-            "gSpeed": velocity.speed_m_s * 1e3,
-            "headMot": math.degrees(velocity.course) % 360.0,
-            "sAcc": velocity.sigma_m_s * 1e3,
-        }
-    return values
 
 
-def _open(fix: GnssFix) -> int:
-    return 0 if math.isnan(fix.correction_age_s) else len(_AGES) - 1
+def _velocity_values(velocity: GnssVelocity | None) -> dict[str, float]:
+    if velocity is None or math.isnan(velocity.speed_m_s):
+        return {}
+    speed = velocity.speed_m_s * 1e3
+    course = 0.0 if math.isnan(velocity.course) else velocity.course
+    return {
+        "velN": speed * math.cos(course),
+        "velE": speed * math.sin(course),
+        "velD": -velocity.climb_m_s * 1e3,
+        "gSpeed": speed,
+        "headMot": math.degrees(course) % 360.0,
+        "sAcc": velocity.sigma_m_s * 1e3,
+    }
 
 
-def _heights_and_place(fix: GnssFix) -> dict[str, float]:
+def _age_class(age_s: float) -> int:
+    """Return NAV-PVT's class of a correction age [s], 0 if not known."""
+    if math.isnan(age_s):
+        return 0
+    return next((k for k, upper in enumerate(_AGES) if age_s <= upper), len(_AGES) - 1)
+
+
+def _place_values(fix: GnssFix, error: GnssError | None) -> dict[str, float]:
+    """Return position, heights and accuracies; one height and the separation give the other."""
     latitude, longitude = latitude_longitude(fix)
     ellipsoid, above = fix.height_ellipsoid_m, fix.height_msl_m
     if math.isnan(ellipsoid):
         ellipsoid = above + fix.geoid_separation_m
     if math.isnan(above):
         above = ellipsoid - fix.geoid_separation_m
-    return {"lat": latitude, "lon": longitude, "height": ellipsoid * 1e3, "hMSL": above * 1e3}
+    h_mm, v_mm = _accuracies_mm(error.covariance if fix.covariance is None and error is not None else fix.covariance)
+    heights = {"height": ellipsoid * 1e3, "hMSL": above * 1e3}
+    return {"lat": latitude, "lon": longitude, **heights, "hAcc": h_mm, "vAcc": v_mm}
 
 
 def _time(parts: Parts) -> dict[str, float]:
@@ -212,14 +218,10 @@ def read_hpposllh(v: dict[str, Any], by: Reading) -> tuple[Measurement, ...]:
 def write_hpposllh(parts: Parts) -> dict[str, float]:
     """A fix; an error if given counts for the fix that has no covariance of its own."""
     fix, error = parts.need(GnssFix), parts.get(GnssError)
-    covariance = error.covariance if fix.covariance is None and error is not None else fix.covariance
-    h_mm, v_mm = _accuracies_mm(covariance)
     return {
         **_week_only(parts, "NAV-HPPOSLLH"),
-        **_heights_and_place(fix),
+        **_place_values(fix, error),
         "invalidLlh": fix.quality is FixQuality.NONE,
-        "hAcc": h_mm,
-        "vAcc": v_mm,
     }
 
 
@@ -288,7 +290,7 @@ def read_cov(v: dict[str, Any], by: Reading) -> tuple[Measurement, ...]:
 def write_cov(parts: Parts) -> dict[str, float]:
     """An error."""
     error = parts.need(GnssError)
-    ned = _NED_ENU @ error.covariance @ _NED_ENU.T
+    ned = (_NED_ENU @ error.covariance @ _NED_ENU.T).astype(np.float32) + 0.0  # no negative zeros
     place = {f"posCov{'NED'[i]}{'NED'[j]}": float(ned[i, j]) for i in range(3) for j in range(i, 3)}
     return {**_week_only(parts, "NAV-COV"), "posCovValid": 1, **place}
 
