@@ -137,6 +137,7 @@ class Thresholds(Sourced):
     link_jump_deg: Positive = Field(default=5.0, description="a joint that moves more between two readings has not")
     check_tolerance_m: Positive = Field(default=0.05, description="start-of-shift check: tool against a known point")
     check_hours: Positive = Field(default=14.0, description="a check holds for so long")
+    check_required: bool = Field(default=False, description="no work without a valid start-of-shift check")
 
 
 class IntegritySpec(Sourced):
