@@ -20,6 +20,8 @@ from workgauge.values.clearances import Clearances
 
 #: k sigma of a solid's whole turn beyond which errors are no longer small: no protection level is given [rad].
 LARGEST_TURN = 0.35
+_CROSS_PLACES = np.array([0, 2, 1, 2, 0, 0, 1, 0, 0])
+_CROSS_SIGNS = np.array([0.0, -1.0, 1.0, 1.0, 0.0, -1.0, -1.0, 1.0, 0.0])
 
 
 def protection_factor(risk: float) -> float:
@@ -85,7 +87,7 @@ def with_protection(
     variances = limits.variances.take(clearances.limits)
     if unsure.tool_sigma_m:
         tool = (clearances.links == machine.tool_link) | (clearances.other_links == machine.tool_link)
-        variances = variances + tool * unsure.tool_sigma_m**2
+        variances[tool] += unsure.tool_sigma_m**2
     if unsure.exact and not len(limits.places):
         levels = integrity.k * np.sqrt(variances)
         largest = integrity.k * math.sqrt(limits.largest_variance + unsure.tool_sigma_m**2)
@@ -100,13 +102,13 @@ def with_protection(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Body:
-    """The machine at one posture, in its own frame, and how its solids turn.
+    """The machine at one posture, in its own frame, and how far it turns.
 
     Attributes:
         poses: (S, 4, 4), halves: (S, 3), the solids' boxes.
-        arms: (S, n) how far a joint's unit error moves a point of the solid at most, reach: (S,) the rotation's.
-        turns: (L,) sigma of all that turns a link, own_turn: of all joints together [rad]. slides: sigma of all
-            sliding joints [m].
+        reach: no point is farther from the origin [m]. arms: (n), nor moved farther by a joint's unit error.
+        turns: (L,) sigma of all that turns a link, own_turn: of all joints together [rad]. slide: of all sliding
+            joints [m].
     """
 
     kin: Kinematics
@@ -114,8 +116,8 @@ class _Body:
     unsure: MachineUncertainty
     poses: Floats
     halves: Floats
-    arms: Floats
-    reach: Floats
+    reach: float
+    arms: list[float]
     turns: Floats
     own_turn: float
     slide: float
@@ -123,44 +125,42 @@ class _Body:
 
 def _body(kin: Kinematics, machine: MachineModel, unsure: MachineUncertainty) -> _Body:
     poses, halves = machine.solid_poses(kin)
-    centres = poses[:, :3, 3]
-    sizes = np.sqrt(np.vecdot(halves, halves))
-    columns = machine.point_jacobians(kin, [solid.link for solid in machine.solids], centres)
-    turning = ~machine.prismatic
-    arms = np.sqrt((columns * columns).sum(axis=1)) + sizes[:, None] * turning
-    for i, solid in enumerate(machine.solids):
-        if solid.stretch is not None:
-            arms[i, solid.stretch.joint] += 1.0
-    reach = np.sqrt(np.vecdot(centres, centres)) + sizes
-    variances = unsure.covariance.diagonal()
-    pose, joints = float(variances[3:6].sum()), variances[6:] * turning
-    if unsure.correlated:
-        before = np.cumsum(np.sqrt(joints))
-        own, turns = float(before[-1]), np.concatenate([[0.0], before]) + math.sqrt(pose)
-    else:
-        before = np.cumsum(joints)
-        own, turns = math.sqrt(before[-1]), np.sqrt(np.concatenate([[0.0], before]) + pose)
-    slide = float(np.sqrt(variances[6:][machine.prismatic]).sum())
-    return _Body(kin, machine, unsure, poses, halves, arms, reach, turns, own, slide)
+    sizes, centres = np.vecdot(halves, halves).tolist(), poses[:, :3, 3]
+    away = np.vecdot(centres, centres).tolist()
+    reach = max(math.sqrt(r) + math.sqrt(size) for r, size in zip(away, sizes, strict=True))
+    # |Jv + Jw x p| of a turning joint; twice 1 for a sliding one, which may both carry a box and stretch it
+    squares = np.square(kin.spatial_jacobian[:3]).sum(axis=0).tolist()
+    sliding = machine.prismatic.tolist()
+    arms = [2.0 if slides else math.sqrt(v) + reach for v, slides in zip(squares, sliding, strict=True)]
+    variances = unsure.covariance.diagonal().tolist()
+    pose = variances[3] + variances[4] + variances[5]
+    turning, slide, turns, root = 0.0, 0.0, [math.sqrt(pose)], math.sqrt(pose)
+    for variance, slides in zip(variances[6:], sliding, strict=True):
+        if slides:
+            slide += math.sqrt(variance)
+        else:
+            turning += math.sqrt(variance) if unsure.correlated else variance
+        turns.append(root + turning if unsure.correlated else math.sqrt(pose + turning))
+    own_turn = turning if unsure.correlated else math.sqrt(turning)
+    return _Body(kin, machine, unsure, poses, halves, reach, arms, np.array(turns), own_turn, slide)
 
 
 def _largest(body: _Body, T_site_machine: Floats, limits: LimitUncertainty, k: float) -> float:
     """Return a bound of all levels without bias [m]: traces for eigenvalues, largest lever arms for all."""
-    sigmas = np.sqrt(body.unsure.covariance.diagonal())
-    reach = float(body.reach.max())
-    pose = math.hypot(*sigmas[:3].tolist()) + reach * math.hypot(*sigmas[3:6].tolist())
-    joints = body.arms.max(axis=0) * sigmas[6:]
-    moved = pose + float(joints.sum()) if body.unsure.correlated else math.hypot(pose, *joints.tolist())
+    sigmas = [math.sqrt(variance) for variance in body.unsure.covariance.diagonal().tolist()]
+    pose = math.hypot(*sigmas[:3]) + body.reach * math.hypot(*sigmas[3:6])
+    joints = [arm * sigma for arm, sigma in zip(body.arms, sigmas[6:], strict=True)]
+    moved = pose + sum(joints) if body.unsure.correlated else math.hypot(pose, *joints)
     variance = limits.largest_variance + body.unsure.tool_sigma_m**2 + moved * moved
-    turn, arm = float(body.turns[-1]), max(float(body.arms.max()), reach)
+    turn, arm = float(body.turns[-1]), max(*body.arms, body.reach)
     if len(limits.places):
         own = np.sqrt(limits.covariances.diagonal(axis1=1, axis2=2))
-        far = reach + np.sqrt(((limits.places - T_site_machine[:3, 3]) ** 2).sum(axis=1))
+        far = body.reach + np.sqrt(((limits.places - T_site_machine[:3, 3]) ** 2).sum(axis=1))
         own_turns = np.sqrt(np.vecdot(own[:, 3:], own[:, 3:]))
         shifts = np.sqrt(np.vecdot(own[:, :3], own[:, :3])) + far * own_turns
         variance += float((shifts * shifts).max())
-        turn, arm = turn + float(own_turns.max()), max(arm, float(far.max()))
-    return k * math.sqrt(variance) + float(_second_order(k, np.array([turn]), np.array([arm]), body.slide)[0])
+        turn, arm = turn + float(own_turns.max()), arm + float(far.max())
+    return k * math.sqrt(variance) + float(_second_order(k, np.array([turn]), arm, body.slide)[0])
 
 
 def _levels(
@@ -180,13 +180,14 @@ def _levels(
     crossing = _crossing(normals)
     turned = T_site_machine[:3, :3] @ body.kin.spatial_jacobian[3:]
     carried = _carried(n)
-    between = carried.take(clearances.links, axis=0) - carried.take(clearances.other_links, axis=0)
+    between = carried.take(clearances.links, axis=0)
+    between -= carried.take(clearances.other_links, axis=0)
     away = np.zeros((len(normals), 3, 6 + n))
-    away[:, :, 3:6] = crossing * outside[:, None, None]
     np.multiply((crossing.reshape(-1, 3) @ turned).reshape(-1, 3, n), between[:, None], out=away[:, :, 6:])
+    np.multiply(crossing, outside[:, None, None], out=away[:, :, 3:6])
     gradient = np.empty((len(normals), 6 + n))
-    gradient[:, :3] = normals * outside[:, None]
-    gradient[:, 3:6] = np.vecmat(clearances.points_machine - T_site_machine[:3, 3], away[:, :, 3:6])
+    np.multiply(normals, outside[:, None], out=gradient[:, :3])
+    np.vecmat(clearances.points_machine - T_site_machine[:3, 3], away[:, :, 3:6], out=gradient[:, 3:6])
     gradient[:, 6:] = rows
     _stretch(away, clearances, body, T_site_machine)
 
@@ -195,13 +196,14 @@ def _levels(
     slopes = 2.0 * np.matvec(away, weighed)
     curves = (away.reshape(-1, 6 + n) @ covariance).reshape(away.shape) @ away.transpose(0, 2, 1)
     turns = np.where(outside, body.turns.take(clearances.links), body.own_turn)
-    arms = np.maximum(body.arms.max(axis=1), body.reach).take(clearances.solids)
+    arm: float | Floats = max(*body.arms, body.reach)
     if len(limits.places):
-        turns, arms = _add_limits(clearances, limits, crossing, variances, slopes, curves, turns, arms)
+        levers = _add_limits(clearances, limits, crossing, variances, slopes, curves, turns)
+        arm = arm + levers
     offsets = _corners(body, T_site_machine).take(clearances.solids, axis=0)
     offsets -= clearances.points_machine[:, None]
     levels = _worst_corner(k, offsets, normals, variances, slopes, curves)
-    levels += _second_order(k, turns, arms, body.slide)
+    levels += _second_order(k, turns, arm, body.slide)
     return levels
 
 
@@ -218,15 +220,17 @@ def _worst_corner(
     sigmas += variances[:, None]
     np.sqrt(np.maximum(sigmas, 0.0, out=sigmas), out=sigmas)
     sigmas *= k
-    sigmas -= np.maximum(np.matvec(offsets, normals), 0.0)
-    found: Floats = np.maximum(k * np.sqrt(np.maximum(variances, 0.0)), sigmas.max(axis=1))
+    beyond = np.matvec(offsets, normals)
+    sigmas -= np.maximum(beyond, 0.0, out=beyond)
+    found: Floats = np.maximum(k * np.sqrt(np.maximum(variances, 0.0)), np.maximum.reduce(sigmas, axis=1))
     return found
 
 
-def _second_order(k: float, turns: Floats, arms: Floats, slide: float) -> Floats:
+def _second_order(k: float, turns: Floats, arm: float | Floats, slide: float) -> Floats:
     """Return what turning by k sigma adds beyond first order (c,) [m], infinite where that is no small angle."""
     angles = k * turns
-    found: Floats = np.where(angles <= LARGEST_TURN, 0.5 * angles * (angles * arms + 2.0 * k * slide), np.inf)
+    found: Floats = 0.5 * angles * (angles * arm + 2.0 * k * slide)
+    found[~(angles <= LARGEST_TURN)] = np.inf
     return found
 
 
@@ -238,23 +242,21 @@ def _add_limits(
     slopes: Floats,
     curves: Floats,
     turns: Floats,
-    arms: Floats,
-) -> tuple[Floats, Floats]:
-    """Add limits of uncertain pose to variances, slopes and curves in place; return turns and arms with theirs."""
+) -> Floats:
+    """Add limits of uncertain pose to variances, slopes, curves and turns in place; return their lever arms (c,)."""
     which = limits.poses.take(clearances.limits)
     rows = np.flatnonzero(which >= 0)
     which, crossing = which[rows], crossing[rows]
-    covariances, levers = limits.covariances[which], clearances.points_limit[rows] - limits.places[which]
-    gradient = np.concatenate([clearances.normals[rows], np.vecmat(levers, crossing)], axis=1)
+    covariances, apart = limits.covariances[which], clearances.points_limit[rows] - limits.places[which]
+    gradient = np.concatenate([clearances.normals[rows], np.vecmat(apart, crossing)], axis=1)
     weighed = np.matvec(covariances, gradient)
     variances[rows] += np.vecdot(weighed, gradient)
     slopes[rows] += 2.0 * np.matvec(crossing, weighed[:, 3:])
     curves[rows] += crossing @ covariances[:, 3:, 3:] @ crossing.transpose(0, 2, 1)
-    turns, arms = turns.copy(), arms.copy()
     turns[rows] += np.sqrt(covariances[:, 3:, 3:].trace(axis1=1, axis2=2))
-    # turning both: about the machine's joints, and about the limit's place
-    arms[rows] += np.sqrt(np.vecdot(levers, levers))
-    return turns, arms
+    levers = np.zeros(len(turns))
+    levers[rows] = np.sqrt(np.vecdot(apart, apart))
+    return levers
 
 
 def _corners(body: _Body, T_site_machine: Floats) -> Floats:
@@ -279,12 +281,9 @@ def _stretch(away: Floats, clearances: Clearances, body: _Body, T_site_machine: 
 
 def _crossing(normals: Floats) -> Floats:
     """Return the matrices (c, 3, 3) of `n x`: `u . (n x w) = u @ crossing @ w`."""
-    found = np.zeros((len(normals), 3, 3))
-    x, y, z = normals.T
-    found[:, 0, 1], found[:, 0, 2] = -z, y
-    found[:, 1, 0], found[:, 1, 2] = z, -x
-    found[:, 2, 0], found[:, 2, 1] = -y, x
-    return found
+    found: Floats = normals.take(_CROSS_PLACES, axis=1)
+    found *= _CROSS_SIGNS
+    return found.reshape(-1, 3, 3)
 
 
 @functools.cache
