@@ -48,8 +48,7 @@ def pose_command(
     with _progress(sum(file.size for file in files)) as on_bytes:
         track = read_track(files, crs, heights, on_bytes)
     health = receiver_health(track)
-    data = epochs_object(track, health)
-    data["health"] = WORDS
+    data = epochs_object(track, health, WORDS) if as_json or report is not None else {}
     page = None if report is None else write_track_report(track, health, WORDS, data, report)
     if as_json:
         print_json(data)

@@ -10,8 +10,8 @@ from workgauge.values.errors import InputError
 #: A block of the file read at once [bytes].
 BLOCK = 1 << 16
 
-#: Larger logs are refused [bytes]: a day of two receivers at 20 Hz is a tenth of it.
-LARGEST = 4 << 30
+#: Logs of more bytes than this in all are refused; an hour of a receiver at 20 Hz with four sentences has 16 MB.
+LARGEST = 128 << 20
 
 #: A port's name, as in the machine file.
 _PORT = re.compile(r"^[A-Za-z][A-Za-z0-9_-]{0,31}$")
@@ -74,14 +74,24 @@ def log_files(given: list[str], ports: tuple[str, ...] = ()) -> tuple[LogFile, .
         )
     if not ports:
         free = [port for i in range(len(split)) if (port := f"gnss-{i + 1}" if i else "gnss") not in named]
-    return tuple(LogFile(checked(path), port or free.pop(0)) for port, path in split)
+    logs = tuple(LogFile(checked(path), port or free.pop(0)) for port, path in split)
+    total = sum(log.size for log in logs)
+    if total > LARGEST:
+        what = f"{total:,} bytes"
+        raise InputError(
+            "the logs are too large",
+            file=max(logs, key=lambda log: log.size).path,
+            value=what,
+            allowed=f"up to {LARGEST:,} in all: take a part of them",
+        )
+    return logs
 
 
 def checked(path: Path) -> Path:
     """Return the path if it is a log that can be looked at.
 
     Raises:
-        InputError: for what is missing, no regular file, empty or too large.
+        InputError: for what is missing, no regular file, or empty.
     """
     try:
         if not path.exists():
@@ -97,10 +107,6 @@ def checked(path: Path) -> Path:
         raise InputError("the log cannot be read", file=path, value=words) from error
     if size == 0:
         raise InputError("the file is empty", file=path, allowed="a receiver's NMEA or UBX")
-    if size > LARGEST:
-        raise InputError(
-            "the log is too large", file=path, value=f"{size:,} bytes", allowed=f"up to {LARGEST:,}; cut it in pieces"
-        )
     return path
 
 

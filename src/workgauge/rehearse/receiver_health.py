@@ -27,19 +27,20 @@ def receiver_health(track: Track) -> list[str | None]:
     if not len(known):
         return out
     zero, sigmas, thresholds = float(known.min()), FixSigmas(), Thresholds()
+    with_place = track.placed
     memories: dict[str, HealthMemory] = {}
     last_fix: dict[str, tuple[int, FixQuality]] = {}
     judged: dict[str, tuple[int, str]] = {}
     for i in np.argsort(track.t_s, kind="stable"):
         source, t_s = track.sources[i], float(track.t_s[i])
-        if not math.isfinite(t_s) or (track.quality[i] == -1 and not track.placed[i]):
+        if not math.isfinite(t_s) or (track.quality[i] == -1 and not with_place[i]):
             continue
         now_ns = _LATER_NS + round((t_s - zero) * 1e9)
         if source in judged and judged[source][0] == now_ns:
             out[i] = judged[source][1]
             continue
         quality = FixQuality(max(int(track.quality[i]), 0))
-        placed = bool(track.placed[i]) and quality is not FixQuality.NONE
+        placed = bool(with_place[i]) and quality is not FixQuality.NONE
         before = last_fix.get(source)
         age = math.inf if before is None else (now_ns - before[0]) * 1e-9
         seen = HealthSeen(

@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
-
 from workgauge.positioning.epochs import Instant, times
 from workgauge.rehearse.log_file import LogFile, OnBytes
 from workgauge.values.errors import InputError
@@ -90,7 +88,8 @@ def timeline(
             )
         pieces += own
     stated, utc = times([piece.moment for piece in pieces])
-    zero = float(np.nanmin(stated))
+    begins = [next(k for k, piece in enumerate(pieces) if piece.log == i) for i in range(len(logs))]
+    zero = float(stated[begins].min())
     warnings: list[str] = []
     chunks: list[Chunk] = []
     for i, log in enumerate(logs):
@@ -119,10 +118,10 @@ def _pieces(index: int, log: LogFile, on_bytes: OnBytes | None) -> list[_Piece]:
                 if moment is not None and not _same(out[-1].moment, moment):
                     out.append(_Piece(index, moment))
             out[-1].data += data
-    first = next((piece.moment for piece in out if _timed(piece.moment)), None)
-    if first is not None and not _timed(out[0].moment):
-        out[0].moment = first
-    return [piece for piece in out if piece.data]
+    if len(out) > 1:  # what comes before the first time comes with it
+        lead = out.pop(0)
+        out[0].data[:0] = lead.data
+    return out
 
 
 def _moment(port: str, measurement: Measurement) -> Instant | None:

@@ -29,12 +29,16 @@ def number(value: float, decimals: int) -> float | None:
 
 
 def epochs_object(
-    track: Track, health: Sequence[str | None], machine: Sequence[dict[str, Any] | None] | None = None
+    track: Track,
+    health: Sequence[str | None],
+    health_words: str,
+    machine: Sequence[dict[str, Any] | None] | None = None,
 ) -> dict[str, Any]:
     """Return `{"epochs": [...], "sentences": {...}, ...}`; what is unknown is None.
 
     Args:
-        track: n epochs. health: a state per epoch. machine: what the machine's own positioning makes of each.
+        track: n epochs. health: a state per epoch. health_words: whose judgement that is.
+        machine: what the machine's own positioning makes of each.
     """
     lat, lon = np.degrees(track.latitude), np.degrees(track.longitude)
     heading, true_heading = np.degrees(track.heading), np.degrees(track.true_heading)
@@ -66,6 +70,7 @@ def epochs_object(
         "time": "utc" if track.utc else "day",
         "crs": {"epsg": track.crs.epsg, "name": track.crs.name},
         "height": track.height_words,
+        "health": health_words,
         "files": list(track.files),
         "warnings": list(track.warnings),
     }
