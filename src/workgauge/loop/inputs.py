@@ -168,15 +168,16 @@ def covariance_wrong(covariance: Floats) -> str | None:
     """
     if not covariance.any():
         return None
-    variances = covariance.diagonal()
-    if not (np.abs(covariance) < FAR * FAR).all() or variances.min() < 0.0:
+    variances = covariance.diagonal().tolist()
+    if not (float(np.maximum.reduce(np.abs(covariance), axis=None)) < FAR * FAR) or min(variances) < 0.0:
         return "the covariance is not a number, or a variance below zero"
-    scale = 1.0 / np.sqrt(np.where(variances > 0.0, variances, 1.0))
+    scale = np.array([1.0 / math.sqrt(variance) if variance > 0.0 else 0.0 for variance in variances])
+    if not scale.all() and covariance[scale == 0.0].any():
+        return "the covariance is not positive: an error that cannot be goes with another"
     correlation = scale[:, None] * covariance * scale
-    if (np.abs(correlation - correlation.T) > _ROUNDING).any():
+    if not np.array_equal(covariance, covariance.T) and (np.abs(correlation - correlation.T) > _ROUNDING).any():
         return "the covariance is not symmetric"
-    # an error that cannot be cannot go with another one either
-    if covariance[variances == 0.0].any() or np.linalg.eigvalsh(correlation)[0] < -_ROUNDING:
+    if np.linalg.eigvalsh(correlation)[0] < -_ROUNDING:
         return "the covariance is not positive: some direction has a variance below zero"
     return None
 

@@ -87,7 +87,7 @@ def with_protection(
     variances = limits.variances.take(clearances.limits)
     if unsure.tool_sigma_m:
         tool = (clearances.links == machine.tool_link) | (clearances.other_links == machine.tool_link)
-        variances[tool] += unsure.tool_sigma_m**2
+        variances += tool * unsure.tool_sigma_m**2
     if unsure.exact and not len(limits.places):
         levels = integrity.k * np.sqrt(variances)
         largest = integrity.k * math.sqrt(limits.largest_variance + unsure.tool_sigma_m**2)
