@@ -45,6 +45,8 @@ def test_exactly_the_documented_object_and_the_report(cli, write, tmp_path: Path
         "tick_ms",
         "min_self_clearance_m",
         "self_entries",
+        "positioning",
+        "travel",
         "warnings",
     ]
     assert (data["ticks"], data["simulated_s"], data["entries"]) == (140, 1.4, 0)

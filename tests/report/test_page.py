@@ -115,6 +115,8 @@ def test_json_has_exactly_the_documented_keys(run: RunResult) -> None:
         "tick_ms",
         "min_self_clearance_m",
         "self_entries",
+        "positioning",
+        "travel",
         "warnings",
     ]
     assert list(data["interventions"][0]) == ["t_s", "reason", "link", "limit", "clearance_m", "scale"]

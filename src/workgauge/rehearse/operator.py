@@ -40,8 +40,9 @@ def eased(deflection: float, left: float, over: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """What the operator sees: time since the run's start [s], joints, machine pose, tool point and its speed.
+    """What the operator sees: time since the run's start [s], joints, machine pose, tool point.
 
+    `tool_speed`: over the machine; a tool that is carried along stands still [m/s].
     `ready`: whether the program knows where the machine is; until then the enable switch is left alone.
     `travelling`: whether the undercarriage still has a way to make.
     """

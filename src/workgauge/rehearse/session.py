@@ -218,6 +218,16 @@ class Session:
         return np.asarray((T @ self.machine.tool_pose(self.machine.forward(q)))[:3, 3], dtype=np.float64)
 
     @property
+    def sensor_words(self) -> str:
+        """What the machine measures with."""
+        return "perfect"
+
+    @property
+    def sensor_assumption(self) -> str:
+        """What a run takes for granted of its sensors."""
+        return "Sensors are perfect: posture and machine pose are exact and fresh at every tick."
+
+    @property
     def ready(self) -> bool:
         """Whether posture and position are known and may be used."""
         known = self._known
@@ -240,10 +250,18 @@ class Session:
         Raises:
             ScenarioError: if no limit of the site depends on a state of that name.
         """
+        self.check_state(name)
+        self.off_states = self.off_states - {name} if on else self.off_states | {name}
+
+    def check_state(self, name: str) -> None:
+        """Refuse the name of a work state that no limit of the site depends on.
+
+        Raises:
+            ScenarioError: if it is one, naming those there are.
+        """
         if name not in self.states:
             known = ", ".join(repr(state) for state in sorted(self.states)) or "none, no limit depends on a state"
             raise ScenarioError("no limit depends on such a state", element="state", value=name, allowed=known)
-        self.off_states = self.off_states - {name} if on else self.off_states | {name}
 
     def travel(self, speed_m_s: float, curvature: float = 0.0) -> None:
         """Say how fast the undercarriage is to travel from the next step on, until it is said anew.
