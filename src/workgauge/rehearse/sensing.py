@@ -20,8 +20,12 @@ Finite: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
 Positive: TypeAlias = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative: TypeAlias = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Share: TypeAlias = Annotated[float, Field(ge=0, le=1)]
-Sigma: TypeAlias = tuple[NotNegative, NotNegative]
-Vector: TypeAlias = tuple[Finite, Finite, Finite]
+Metres: TypeAlias = Annotated[float, Field(ge=0, le=1000)]
+Sigma: TypeAlias = tuple[Metres, Metres]
+Offset: TypeAlias = Annotated[float, Field(ge=-10_000, le=10_000)]
+Vector: TypeAlias = tuple[Offset, Offset, Offset]
+Jitter: TypeAlias = Annotated[float, Field(ge=0, le=10_000)]
+Factor: TypeAlias = Annotated[float, Field(ge=0, le=100)]
 Rate: TypeAlias = Literal[1, 2, 4, 5, 10, 20, 25, 50]
 LinkRate: TypeAlias = Literal[1, 2, 4, 5, 10, 20, 25, 50, 100]
 ProtocolName: TypeAlias = Literal["nmea", "ubx", "both"]
@@ -51,14 +55,12 @@ class NoiseChoice(Part):
     float_m: Sigma | None = None
     differential_m: Sigma | None = None
     single_m: Sigma | None = None
-    scale: NotNegative = Field(
-        default=1.0, description="multiplies every error of position, heading and link sensors"
-    )
+    scale: Factor = Field(default=1.0, description="multiplies every error of position, heading and link sensors")
     correlated: Share = Field(default=0.6, description="share of a position's variance that changes slowly")
     common: Share = Field(default=0.5, description="share of the slow part that all receivers have alike")
     correlation_s: NotNegative = Field(default=60.0, description="how slowly: time constant of the slow part")
-    velocity_m_s: NotNegative = Field(default=0.02, description="1-sigma of each component of a velocity")
-    gyro_deg_s: NotNegative = Field(default=0.1, description="1-sigma of each axis of a gyro")
+    velocity_m_s: Factor = Field(default=0.02, description="1-sigma of each component of a velocity")
+    gyro_deg_s: Factor = Field(default=0.1, description="1-sigma of each axis of a gyro")
 
     def fix_noise(self) -> FixNoise:
         """Return the noise of a receiver."""
@@ -108,9 +110,11 @@ class ReceiverChoice(Part):
     messages: tuple[FixMessage, ...] = Field(default=("NAV-PVT", "NAV-HPPOSLLH"), min_length=1)
     quality: QualityName = Field(default="fixed", description="while no fault says otherwise")
     noise: Noise | None = Field(default=None, description="of this one alone; that of `sensors` if left out")
-    stated: Positive = Field(default=1.0, description="error it states over its true 1-sigma; below 1 it flatters")
-    jitter_ms: NotNegative = Field(default=0.0, description="mean of what its bytes come later than its latency")
-    correction_age_s: NotNegative = 1.0
+    stated: Annotated[float, Field(gt=0, le=100)] = Field(
+        default=1.0, description="error it states over its true 1-sigma; below 1 it flatters"
+    )
+    jitter_ms: Jitter = Field(default=0.0, description="mean of what its bytes come later than its latency")
+    correction_age_s: Annotated[float, Field(ge=0, le=1e6)] = 1.0
     satellites: Annotated[int, Field(ge=0, le=99)] = 18
 
     def settings(self, noise: Noise) -> ReceiverSettings:
@@ -148,7 +152,7 @@ class HeadingChoice(Part):
     rate_hz: Rate = 20
     protocol: ProtocolName = "nmea"
     sentences: tuple[HeadingSentence, ...] = Field(default=("PTNL,AVR",), min_length=1)
-    jitter_ms: NotNegative = 0.0
+    jitter_ms: Jitter = 0.0
 
 
 class LinksChoice(Part):
@@ -156,7 +160,7 @@ class LinksChoice(Part):
 
     rate_hz: LinkRate = 100
     gyros: bool = Field(default=True, description="whether IMUs send angular velocities")
-    jitter_ms: NotNegative = 0.0
+    jitter_ms: Jitter = 0.0
 
 
 class SensorChoice(Part):
@@ -343,14 +347,14 @@ class Latency(_OfAny):
     """Bytes arrive later than they should."""
 
     do: Literal["latency"]
-    delay_s: Positive
+    delay_s: Annotated[float, Field(gt=0, le=3600)]
 
 
 class ClockStep(_OfReceivers):
     """The receiver's own time is off."""
 
     do: Literal["clock_step"]
-    step_s: Finite
+    step_s: Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
 #: One item of `faults:`.
