@@ -118,7 +118,9 @@ def _read_height(text: str) -> tuple[str, float]:
 
 
 def _write_height(value: tuple[str, float]) -> str:
-    return "" if math.isnan(value[1]) else f"{value[0]}{value[1]:+.4f}"
+    kind, height = value
+    text = _SIGNED_HEIGHT(height)
+    return kind + text if text else ""
 
 
 def _decimal_writer(digits: int, width: int, sign: str) -> Callable[[float], str]:
@@ -134,6 +136,9 @@ def _decimal_writer(digits: int, width: int, sign: str) -> Callable[[float], str
         return zero[1] if text == zero[0] else text
 
     return write
+
+
+_SIGNED_HEIGHT = _decimal_writer(4, 0, "+")
 
 
 def _angle_writer(degree_digits: int) -> Callable[[float], str]:
@@ -157,7 +162,26 @@ def _write_time(value: float) -> str:
 
 
 def _date_writer(form: str) -> Callable[[int | None], str]:
-    return lambda value: "" if value is None else date_of(value).strftime(form)
+    def write(value: int | None) -> str:
+        if value is None:
+            return ""
+        day = date_of(value)
+        if not 1900 + _FIRST_YEAR <= day.year < 2000 + _FIRST_YEAR:
+            raise WireError("a year that two digits do not say", element="date", value=day, allowed="1980 to 2079")
+        return day.strftime(form)
+
+    return write
+
+
+def _whole_writer(width: int) -> Callable[[int | None], str]:
+    def write(value: int | None) -> str:
+        if value is None:
+            return ""
+        if not 0 <= value < 10**9:
+            raise WireError("a number does not fit its field", element="whole", value=value)
+        return f"{value:0{width}d}"
+
+    return write
 
 
 def decimal(digits: int, width: int = 0, sign: str = "") -> Codec:
@@ -167,7 +191,7 @@ def decimal(digits: int, width: int = 0, sign: str = "") -> Codec:
 
 def whole(width: int = 1) -> Codec:
     """A whole number, None if empty."""
-    return Codec(_read_whole, lambda value: "" if value is None else f"{value:0{width}d}")
+    return Codec(_read_whole, _whole_writer(width))
 
 
 LATITUDE = Codec(_read_angle, _angle_writer(2))  #: degrees without sign, NaN if empty
