@@ -1,4 +1,4 @@
-"""The start-of-shift check: what it compares, when it refuses, whose it is, what an interruption leaves of the log."""
+"""The start-of-shift check: what it compares, when it refuses, whose it is, what interruptions leave of its log."""
 
 import json
 import math

@@ -9,6 +9,7 @@ import typer
 
 from workgauge import __version__
 from workgauge.app.limits_command import limits_command
+from workgauge.app.measure_up_command import measure_up_command
 from workgauge.app.output import SeveralFiles
 from workgauge.app.pose_command import pose_command
 from workgauge.app.run_command import run_command
@@ -67,6 +68,7 @@ app.command("at")(at_command)
 app.command("limits")(limits_command)
 app.command("pose")(pose_command)
 app.command("run", cls=SeveralFiles)(run_command)
+app.command("measure-up")(measure_up_command)
 app.command("schema")(schema_command)
 
 
