@@ -48,6 +48,7 @@ prove: $(VENV)/.test
 bench: $(VENV)/.bench
 	$(PY) benchmarks/site.py --json
 	$(PY) benchmarks/tick.py --json
+	$(PY) benchmarks/decode.py --json
 
 # Re-resolve the pinned versions. The lock names versions and hashes, never a host.
 lock: $(VENV)/.python

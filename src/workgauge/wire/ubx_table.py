@@ -51,6 +51,15 @@ def _accuracies_mm(covariance: Floats | None) -> tuple[float, float]:
     return 1e3 * math.sqrt(max(variances[0], variances[1])), 1e3 * math.sqrt(variances[2])
 
 
+def _position(v: Mapping[str, Any], quality: FixQuality) -> tuple[float, float]:
+    """Return latitude and longitude [rad], NaN without a fix; `FieldError` beyond the globe."""
+    if quality is FixQuality.NONE:
+        return math.nan, math.nan
+    if abs(v["lat"]) > 90.0 or abs(v["lon"]) > 180.0:
+        raise FieldError(f"{v['lat']}, {v['lon']}")
+    return math.radians(v["lat"]), math.radians(v["lon"])
+
+
 def _fix_quality(v: Mapping[str, Any]) -> FixQuality:
     kind = v["fixType"]
     if not v["gnssFixOk"] or v["invalidLlh"] or kind not in (_DEAD_RECKONING, _2D, _3D, _GNSS_AND_DR):
@@ -78,6 +87,7 @@ def read_pvt(v: dict[str, Any], by: Reading) -> tuple[Measurement, ...]:
     """A fix with its covariance, and a velocity."""
     quality = _fix_quality(v)
     none = quality is FixQuality.NONE
+    place = _position(v, quality)
     by.epochs.remember_quality(by.source, int(v["iTOW"]), quality)
     stamp = by.stamp(_pvt_epoch(v, by))
     time_s = time_of_day(stamp.epoch_ns)
@@ -86,8 +96,7 @@ def read_pvt(v: dict[str, Any], by: Reading) -> tuple[Measurement, ...]:
         GnssFix(
             stamp,
             "NAV-PVT",
-            math.nan if none else math.radians(v["lat"]),
-            math.nan if none else math.radians(v["lon"]),
+            *place,
             time_s,
             math.nan if none else ellipsoid,
             math.nan if none else above,
@@ -203,8 +212,7 @@ def read_hpposllh(v: dict[str, Any], by: Reading) -> tuple[Measurement, ...]:
         GnssFix(
             stamp,
             "NAV-HPPOSLLH",
-            math.nan if none else math.radians(v["lat"]),
-            math.nan if none else math.radians(v["lon"]),
+            *_position(v, quality),
             time_of_day(stamp.epoch_ns),
             math.nan if none else v["height"] * 1e-3,
             math.nan if none else v["hMSL"] * 1e-3,
