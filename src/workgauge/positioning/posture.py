@@ -63,13 +63,15 @@ class Channel:
 
     Attributes:
         name: of the sensor. port: where its bytes arrive. latency_s: from measuring to arriving.
-        tilting: it is an inclinometer. link: it sits on. mounting: the sensor's frame in its link's. sigma: [rad, m].
+        tilting: it is an inclinometer. turning: its values are angles.
+        link: it sits on. mounting: the sensor's frame in its link's. sigma: [rad, m].
     """
 
     name: str
     port: str
     latency_s: float
     tilting: bool
+    turning: bool
     link: int
     mounting: Mat
     sigma: float
@@ -279,23 +281,24 @@ def posture_of(solver: PostureSolver, readings: Sequence[Reading]) -> tuple[Floa
 def _channels(machine: MachineModel, spec: PositioningSpec) -> tuple[tuple[Channel, ...], dict[str, int]]:
     sensors = {sensor.name: sensor for sensor in machine.sensors}
     tilt = spec.tilt
-    found = {
-        tilt.sensor: _channel(sensors[tilt.sensor], tilt.port, tilt.latency_s, True, math.radians(tilt.sigma_deg))
-    }
+    sigma = math.radians(tilt.sigma_deg)
+    found = {tilt.sensor: _channel(sensors[tilt.sensor], tilt.port, tilt.latency_s, (True, True), sigma)}
     prismatic = dict(zip(machine.joint_names, machine.prismatic.tolist(), strict=True))
     named = [(joint.sensor, joint) for joint in spec.joints]
     named += [(joint.before, joint) for joint in spec.joints if joint.before is not None]
     for name, joint in named:
         if name not in found:
             tilting = joint.kind == "inclination"
-            sigma = _sensor_sigma(joint, bool(prismatic[joint.joint]))
-            found[name] = _channel(sensors[name], joint.port, joint.latency_s, tilting, sigma)
+            slides = bool(prismatic[joint.joint])
+            turning = tilting or (joint.kind == "encoder" and not slides)
+            sigma = _sensor_sigma(joint, slides)
+            found[name] = _channel(sensors[name], joint.port, joint.latency_s, (tilting, turning), sigma)
     return tuple(found.values()), {name: i for i, name in enumerate(found)}
 
 
-def _channel(sensor: Sensor, port: str, latency_s: float, tilting: bool, sigma: float) -> Channel:
+def _channel(sensor: Sensor, port: str, latency_s: float, kind: tuple[bool, bool], sigma: float) -> Channel:
     mounting = plain(sensor.T_link_sensor[:3, :3])
-    return Channel(sensor.name, port, latency_s, tilting, sensor.link, mounting, sigma)
+    return Channel(sensor.name, port, latency_s, *kind, sensor.link, mounting, sigma)
 
 
 def _sensor_sigma(joint: JointSensorSpec, prismatic: bool) -> float:

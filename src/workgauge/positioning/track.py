@@ -124,6 +124,11 @@ class RailTrack:
             s = moved
         return float(self.alignment.project([[e, n]])[0][0])
 
+    def yaw(self, distance: float) -> float:
+        """Return the direction of growing distances, counter-clockwise from grid east [rad]."""
+        _, _, dx, dy = self._curve(min(max(distance, 0.0), self.length))
+        return math.atan2(dy, dx)
+
     def _curve(self, s: float) -> tuple[float, float, float, float]:
         """Return east, north and their slopes at a distance, between exact knots by Hermite's cubic."""
         index = int(s / _KNOT_M)
