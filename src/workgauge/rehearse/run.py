@@ -157,7 +157,8 @@ def run_session(
     """Drive a session through the steps.
 
     Args:
-        session: fresh. steps: what the levers do. title, description, facts: for the report.
+        session: fresh; a run ends with the drive, or when it is `finished`. steps: what the levers do.
+        title, description, facts: for the report.
         progress: called after every tick.
         travel: what the undercarriage does meanwhile. states: work states switched, and when.
 
@@ -172,7 +173,7 @@ def run_session(
     recorder, log = Recorder(), InterventionLog()
     start = session.snapshot()
     before = _in_machine(session.tool, session.true_state[1])
-    while session.t_s < LONGEST_S:
+    while session.t_s < LONGEST_S and not session.finished:
         while switches and switches[0].at_s <= session.t_s + 1e-9:
             change = switches.pop(0)
             session.set_state(change.state, change.on)
@@ -193,7 +194,7 @@ def run_session(
         before = here
         if progress is not None:
             progress(_progress(session, operator, len(steps), done))
-    else:
+    if session.t_s >= LONGEST_S:
         raise ScenarioError("the drive does not end", element="drive", allowed=f"at most {LONGEST_S:g} s in all")
     return _result(session, operator, recorder, log, start, (title, description, facts or {}), bool(states))
 

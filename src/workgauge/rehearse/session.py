@@ -228,11 +228,21 @@ class Session:
         return "Sensors are perfect: posture and machine pose are exact and fresh at every tick."
 
     @property
+    def standing_assumption(self) -> str:
+        """What a run without travel takes for granted of its undercarriage."""
+        return "The undercarriage stands still."
+
+    @property
     def ready(self) -> bool:
         """Whether posture and position are known and may be used."""
         known = self._known
         usable = known.health is None or known.health.state.usable
         return self._source is None or (known.posture is not None and known.pose is not None and usable)
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing more can come; a simulated machine goes on for ever."""
+        return False
 
     def snapshot(self) -> Snapshot:
         """Return the machine as it truly stands now."""

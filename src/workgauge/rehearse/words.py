@@ -51,7 +51,7 @@ def run_assumptions(session: Session, travelled: bool, switched: bool) -> tuple[
     return (
         "Joints are ideal: each follows its valve at once, without dead time, lag or flow limit.",
         session.sensor_assumption,
-        travel if travelled else "The undercarriage stands still.",
+        travel if travelled else session.standing_assumption,
         *((states,) if session.states else ()),
         "The site is as its files say; what they leave out is not guarded.",
         "Links are as large as the boxes of the machine's description"

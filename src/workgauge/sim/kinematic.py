@@ -131,6 +131,12 @@ class KinematicPlant:
             raise ValueError(f"a machine travels at finite speed and curvature, not {speed_m_s} m/s, {curvature} 1/m")
         self._travel = replace(self._travel, wanted_m_s=speed_m_s, curvature=curvature)
 
+    def stand_at(self, T_site_machine: ArrayLike) -> None:
+        """Put the undercarriage at a pose (4, 4) from outside, standing; the joints stay as they are."""
+        self._place = Fixed(frozen(T_site_machine, (4, 4)))
+        self._T_site_machine = self._place.T_site_machine
+        self._travel = replace(self._travel, speed_m_s=0.0, wanted_m_s=0.0)
+
     def write(self, frame: bytes) -> None:
         """Take one valve command frame; it acts from now until the next."""
         try:
