@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from workgauge import __version__
+from workgauge.app.check_command import check_command
 from workgauge.app.limits_command import limits_command
 from workgauge.app.measure_up_command import measure_up_command
 from workgauge.app.output import SeveralFiles
@@ -68,6 +69,7 @@ app.command("at")(at_command)
 app.command("limits")(limits_command)
 app.command("pose")(pose_command)
 app.command("run", cls=SeveralFiles)(run_command)
+app.command("check", cls=SeveralFiles)(check_command)
 app.command("measure-up")(measure_up_command)
 app.command("schema")(schema_command)
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from workgauge.app.check_file import refuse_unchecked
 from workgauge.app.live import LiveView, plain_bar
 from workgauge.app.output import facts, input_errors_exit_2, print_json, stderr, stdout, table, warn
 from workgauge.app.site_commands import Epsg, Json
@@ -60,6 +61,9 @@ def run_command(
     headless: Annotated[bool, typer.Option("--headless", help="No live view, as fast as it computes.")] = False,
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="Write report.html and run.json there.")] = None,
     speed: Annotated[float, typer.Option(min=0, help="Live view: times real time; 0 as fast as it computes.")] = 1.0,
+    check: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Start-of-shift checks: refuse without a valid one.")
+    ] = None,
     epsg: Epsg = None,
     as_json: Json = False,
 ) -> None:
@@ -80,6 +84,7 @@ def run_command(
         session, steps = open_session(loaded), loaded.scenario.drive
         words = loaded.scenario.title, loaded.scenario.description
         said = {"scenario": loaded.file.stem}
+    refuse_unchecked(session.machine, check)
     result = _watched(session, steps, words, said, headless or as_json, speed)
     page = None if report is None else write_report(result, report)
     if as_json:
