@@ -12,6 +12,7 @@ from workgauge.app.check_file import refuse_unchecked
 from workgauge.app.live import LiveView, plain_bar
 from workgauge.app.output import facts, input_errors_exit_2, print_json, stderr, stdout, table, warn
 from workgauge.app.site_commands import Epsg, Json
+from workgauge.machine.load import load_machine
 from workgauge.rehearse.result import RunResult
 from workgauge.rehearse.run import Progress, default_drive, drive_at_anything, open_session, run_session
 from workgauge.rehearse.scenario import OnGround, Step
@@ -23,6 +24,7 @@ from workgauge.values.errors import ScenarioError
 from workgauge.values.limits import LimitKind
 
 DEFAULT_SCENARIO = "pole-approach"
+DEFAULT_MACHINE = "rre20"
 
 
 def parse_place(text: str) -> tuple[float, float, float]:
@@ -74,6 +76,7 @@ def run_command(
     options then replace what it says of them.
     """
     if site and not scenario:
+        refuse_unchecked(load_machine(machine or DEFAULT_MACHINE), check)
         session, steps, words, said = _at_a_place(site, machine, rules, guard, at, epsg)
     else:
         place = None if at is None else parse_place(at)
@@ -81,10 +84,10 @@ def run_command(
         loaded = load_scenario(scenario or DEFAULT_SCENARIO).choosing(
             site_files=site or (), machine=machine, rules=rules, guard=guard, place=ground, epsg=epsg
         )
+        refuse_unchecked(load_machine(loaded.machine, loaded.scenario.attachment), check)
         session, steps = open_session(loaded), loaded.scenario.drive
         words = loaded.scenario.title, loaded.scenario.description
         said = {"scenario": loaded.file.stem}
-    refuse_unchecked(session.machine, check)
     result = _watched(session, steps, words, said, headless or as_json, speed)
     page = None if report is None else write_report(result, report)
     if as_json:
@@ -105,7 +108,9 @@ def _at_a_place(
     """Return a session at a place of the user's own site, with the default drive."""
     if at is None:
         raise typer.BadParameter("--site needs --at E,N,HEADING_DEG", param_hint="--at")
-    session = Session(site, machine or "rre20", rules or "generic", guard or "linear", parse_place(at), epsg=epsg)
+    session = Session(
+        site, machine or DEFAULT_MACHINE, rules or "generic", guard or "linear", parse_place(at), epsg=epsg
+    )
     steps = default_drive()
     if not any(limit.kind is LimitKind.POINT for limit in session.limits):
         steps = drive_at_anything(steps)
