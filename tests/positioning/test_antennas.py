@@ -185,6 +185,19 @@ def test_errors_the_two_antennas_share_turn_nothing() -> None:
     assert shared.covariance[5, 5] == pytest.approx(0.5 * apart.covariance[5, 5])
     assert whole.covariance[5, 5] == pytest.approx(0.0, abs=1e-15)
     np.testing.assert_allclose(whole.covariance[:3, :3], C, atol=1e-12)
+    careful = two_antenna_pose(
+        machine,
+        exact.kin,
+        exact.antenna("ant 1", C),
+        exact.antenna("ant 2", C),
+        exact.tilt(sigma=0.0),
+        Q,
+        common_share=0.5,
+        cautious=True,
+    )
+    assert careful is not None  # no surer than with any share up to the half, in any direction
+    for one in (apart, shared):
+        assert np.linalg.eigvalsh(careful.covariance - one.covariance).min() > -1e-12
 
 
 def test_an_upright_baseline_gives_no_heading() -> None:

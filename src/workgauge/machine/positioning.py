@@ -48,6 +48,9 @@ class HeadingSpec(Sourced):
     port: Port = Field(default="gnss", description="of the heading sentences of a moving base")
     latency_s: NotNegative = 0.02
     sigma_deg: Positive = Field(default=0.15, description="of a moving base that states none; a floor where it does")
+    shared_error: Annotated[Number, Field(ge=0, le=1)] = Field(
+        default=0.5, description="largest share of both antennas' error variance that may be the same for both"
+    )
 
 
 class TiltSpec(Sourced):

@@ -116,12 +116,15 @@ def two_antenna_pose(
     joint_covariance: Floats,
     *,
     common_share: float = 0.0,
+    cautious: bool = False,
 ) -> PoseSolution | None:
     """Return the pose by two antennas and an inclinometer; None where the baseline stands upright.
 
     Args:
         kin: of the joints as measured when the places were. joint_covariance: (n, n) of their errors.
-        common_share: correlation of the two antennas' errors, 0 to 1.
+        common_share: correlation of the two antennas' errors, 0 to 1: what they share does not average out and turns
+            nothing. cautious: it is the largest that may be, not what is; then it averages nothing out, and yet the
+            heading is taken as if they shared nothing.
     """
     arms, arm_gains = antenna_arms(machine, kin, (master, rover))
     attitude = levelled(machine, kin, tilt)
@@ -149,10 +152,14 @@ def two_antenna_pose(
         gain[:3] += W @ skew(R @ arms[i]) @ gain[3:]
     S = np.zeros((9 + joints, 9 + joints))
     S[:3, :3], S[3:6, 3:6] = master.covariance, rover.covariance
+    extra = None
     if common_share:
-        shared = common_share * _root(master.covariance) @ _root(rover.covariance).T
-        S[:3, 3:6], S[3:6, :3] = shared, shared.T
-    return _solution(R, t, gain, S, 6, tilt, joint_covariance)
+        shared = common_share * shared_covariance(master.covariance, rover.covariance)
+        if cautious:
+            extra = weights[0] @ shared @ weights[1].T
+        else:
+            S[:3, 3:6], S[3:6, :3] = shared, shared.T
+    return _solution(R, t, gain, S, 6, tilt, joint_covariance, extra)
 
 
 def moving_base_pose(
@@ -240,17 +247,35 @@ def _weights(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     return one, np.eye(3) - one
 
 
+def shared_covariance(first: Floats, second: Floats) -> Floats:
+    """Return the covariance (3, 3) of one place's error with another's if they have all of it in common."""
+    return _root(first) @ _root(second).T
+
+
 def _root(covariance: Floats) -> Floats:
     """Return the symmetric root of a covariance (3, 3)."""
+    if not covariance[0, 1] and not covariance[0, 2] and not covariance[1, 2]:
+        return np.diag(np.sqrt(covariance.diagonal()))
     values, vectors = np.linalg.eigh(covariance)
     root: Floats = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
     return root
 
 
 def _solution(
-    R: Floats, t: Floats, gain: Floats, S: Floats, up: int, tilt: Tilt, joint_covariance: Floats
+    R: Floats,
+    t: Floats,
+    gain: Floats,
+    S: Floats,
+    up: int,
+    tilt: Tilt,
+    joint_covariance: Floats,
+    extra: Floats | None = None,
 ) -> PoseSolution:
-    """Return pose, covariance and cross-covariance from the errors' gain and covariance; `up` is where du begins."""
+    """Return pose, covariance and cross-covariance from the errors' gain and covariance.
+
+    Args:
+        up: where du begins. extra: (3, 3), half of what is added to the covariance of the translation.
+    """
     S[up : up + 3, up : up + 3] = tilt.covariance
     S[up + 3 :, up + 3 :] = joint_covariance
     if tilt.joint_cross is not None:
@@ -260,4 +285,6 @@ def _solution(
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, t
     covariance = gained @ gain.T
+    if extra is not None:
+        covariance[:3, :3] += extra + extra.T
     return PoseSolution(frozen(T), frozen(0.5 * (covariance + covariance.T)), frozen(-gained[:, up + 3 :]))

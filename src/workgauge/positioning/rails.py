@@ -23,7 +23,14 @@ import numpy as np
 
 from workgauge.machine.model import Kinematics, MachineModel
 from workgauge.machine.positioning import RailSpec
-from workgauge.positioning.antennas import PlacedAntenna, PoseSolution, Tilt, antenna_arms, levelled
+from workgauge.positioning.antennas import (
+    PlacedAntenna,
+    PoseSolution,
+    Tilt,
+    antenna_arms,
+    levelled,
+    shared_covariance,
+)
 from workgauge.positioning.attitude import rotation, rotation_vector, skew
 from workgauge.positioning.innovation import equivalent_sigmas
 from workgauge.positioning.track import RailTrack
@@ -112,6 +119,7 @@ def on_rails(
     *,
     start: float,
     forward: bool,
+    common_share: float = 0.0,
 ) -> RailSolution | None:
     """Return the pose on a track; None beyond its ends or where nothing says how high its rails are.
 
@@ -119,12 +127,12 @@ def on_rails(
         origin: (3,) absolute origin of the local site frame [m].
         antennas: measured places. azimuth: of a moving base, None without.
         start: distance along the track to begin at, within a few metres of the place [m].
-        forward: which way the machine faces.
+        forward: which way the machine faces. common_share: correlation of the antennas' errors.
     """
     arms, arm_gains = antenna_arms(machine, kin, antennas)
     attitude = levelled(machine, kin, tilt)
     count, n = len(antennas), machine.n
-    S = _noise(antennas, azimuth, tilt, joint_covariance)
+    S = _noise(antennas, azimuth, tilt, joint_covariance, common_share)
     s = start
     for _ in range(_ROUNDS):
         if not -BEYOND_END_M <= s <= track.length + BEYOND_END_M:
@@ -238,7 +246,11 @@ def _linear(track: RailTrack, s: float, forward: bool, origin: Floats) -> tuple[
 
 
 def _noise(
-    antennas: tuple[PlacedAntenna, ...], azimuth: Azimuth | None, tilt: Tilt, joint_covariance: Floats
+    antennas: tuple[PlacedAntenna, ...],
+    azimuth: Azimuth | None,
+    tilt: Tilt,
+    joint_covariance: Floats,
+    common_share: float,
 ) -> Floats:
     """Return the covariance of (places, azimuth, up of the tilt's link, joints)."""
     n = len(joint_covariance)
@@ -247,6 +259,9 @@ def _noise(
     S = np.zeros((size, size))
     for i, antenna in enumerate(antennas):
         S[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = antenna.covariance
+    if common_share and len(antennas) == 2:
+        shared = common_share * shared_covariance(antennas[0].covariance, antennas[1].covariance)
+        S[:3, 3:6], S[3:6, :3] = shared, shared.T
     if azimuth is not None:
         S[places, places] = azimuth.sigma**2
     S[-n - 3 : -n, -n - 3 : -n] = tilt.covariance

@@ -105,7 +105,10 @@ class EpochSolver:
         arm, arm_gain = baseline(machine, kin, master, rover)
         azimuth = None
         if self.two:
-            free = two_antenna_pose(machine, kin, antennas[0], antennas[1], tilt, joints)
+            share = self.spec.heading.shared_error
+            free = two_antenna_pose(
+                machine, kin, antennas[0], antennas[1], tilt, joints, common_share=share, cautious=True
+            )
         else:
             azimuth = self._azimuth(given.heading, fixes[0].position, arm, arm_gain)
             if azimuth is None:
@@ -179,6 +182,7 @@ class EpochSolver:
             joints,
             start=start,
             forward=math.cos(self.track.yaw(start) - yaw) >= 0.0,
+            common_share=self.spec.heading.shared_error,
         )
 
     def _checked(
