@@ -17,7 +17,7 @@ from workgauge.values.reasons import STOPPING, Reason, ReasonCode
 #: Positions beyond this are no measurement of a machine on its site [rad, m].
 FAR = 1e6
 _SQUARE = 1e-6
-_ROUNDING = 1e-9
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,7 +164,7 @@ def together_wrong(pose: MachinePose, posture: Posture) -> str | None:
 def covariance_wrong(covariance: Floats) -> str | None:
     """Return what keeps a square matrix from being a covariance, or None.
 
-    Rounding is forgiven: 1e-9 of the standard deviations concerned.
+    Rounding is forgiven: 1e-6 of the standard deviations concerned.
     """
     if not covariance.any():
         return None
