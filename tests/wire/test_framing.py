@@ -5,6 +5,7 @@ import math
 import random
 import re
 import struct
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -36,8 +37,10 @@ from workgauge.wire.framing import (
 )
 from workgauge.wire.messages import OVERHEAD, encode
 from workgauge.wire.nmea import nmea_bytes
+from workgauge.wire.nmea_table import SENTENCES
 from workgauge.wire.stream import MOST_NAMES, StreamDecoder, Tally
 from workgauge.wire.ubx import ubx_bytes
+from workgauge.wire.ubx_table import MESSAGES
 
 MS = 1_000_000
 STAMP = Stamp("m", 0, "gnss/GN", 1_798_761_600_000 * MS)
@@ -381,3 +384,12 @@ def test_the_framer_gives_bodies_and_arrivals() -> None:
         (Protocol.UBX, None, 5),
     ]
     assert re.fullmatch(rb"GNHDT,[\d.]+,T", frames[0].body) and frames[1].body == SAMPLES[8][2:-2]
+
+
+def test_the_page_on_receivers_names_what_is_read_and_why_it_is_refused() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "receivers.md").read_text(encoding="utf-8")
+    for name in (*SENTENCES, *MESSAGES):
+        assert f"`{name}`" in page, name
+    for why in Rejected:
+        assert str(why) in page, why
+    assert str(LONGEST_SENTENCE) in page and str(LONGEST_PAYLOAD) in page
