@@ -14,8 +14,12 @@ from workgauge.app.output import facts, input_errors_exit_2, print_json, stderr,
 from workgauge.app.site_commands import Json
 from workgauge.geodesy.crs import ProjectedCrs
 from workgauge.geodesy.heights import HeightModel
+from workgauge.machine.load import load_machine
+from workgauge.machine.model import MachineModel
+from workgauge.rehearse.located_log import heights_of, locate, machine_rows, positioning_of
 from workgauge.rehearse.log_file import log_files
 from workgauge.rehearse.receiver_health import WORDS, receiver_health
+from workgauge.rehearse.standing import log_ports
 from workgauge.rehearse.track_log import Track, read_track
 from workgauge.rehearse.track_object import QUALITY_WORDS, epochs_object
 from workgauge.report.track_page import write_track_report
@@ -43,24 +47,31 @@ def pose_command(
 ) -> None:
     """Read receiver logs and say where the antennas were, how surely, and which way the machine faced."""
     crs = ProjectedCrs.from_epsg(epsg)
-    heights = _heights(geoid_separation, geoid_grid)
-    files = log_files(logs)
-    with _progress(sum(file.size for file in files)) as on_bytes:
+    model = None if machine is None else load_machine(machine)
+    heights = _heights(geoid_separation, geoid_grid, model)
+    files = log_files(logs, () if model is None else log_ports(positioning_of(model)))
+    passes = 1 if model is None else 2
+    with _progress(passes * sum(file.size for file in files)) as on_bytes:
         track = read_track(files, crs, heights, on_bytes)
-    health = receiver_health(track)
-    data = epochs_object(track, health, WORDS) if as_json or report is not None else {}
-    page = None if report is None else write_track_report(track, health, WORDS, data, report)
+        if model is None:
+            words, health, rows = WORDS, receiver_health(track), None
+        else:
+            words = f"as the positioning of {model.title} judges it"
+            located = locate(files, model, crs, heights, track.somewhere, on_bytes)
+            track, health, rows = machine_rows(track, located)
+    data = epochs_object(track, health, words, rows) if as_json or report is not None else {}
+    page = None if report is None else write_track_report(track, health, words, data, report)
     if as_json:
         print_json(data)
         return
-    _show(track, health, WORDS)
+    _show(track, health, words)
     warn(track.warnings)
     if page is not None:
         stdout().print(f"\nreport: {page}")
 
 
-def _heights(separation: float | None, grid: str | None) -> HeightModel:
-    """Return the height model of the options.
+def _heights(separation: float | None, grid: str | None, machine: MachineModel | None) -> HeightModel:
+    """Return the height model of the options, else of the machine, else of the sentences.
 
     Raises:
         typer.BadParameter: if both are given.
@@ -69,7 +80,9 @@ def _heights(separation: float | None, grid: str | None) -> HeightModel:
         raise typer.BadParameter("give one of --geoid-separation and --geoid-grid")
     if separation is not None:
         return HeightModel.constant(separation)
-    return HeightModel.from_sentence() if grid is None else HeightModel.from_grid(grid)
+    if grid is not None:
+        return HeightModel.from_grid(grid)
+    return HeightModel.from_sentence() if machine is None else heights_of(machine)
 
 
 @contextmanager

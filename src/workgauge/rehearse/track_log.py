@@ -69,6 +69,12 @@ class Track:
         """(n,) whether the epoch has a place in the site's system."""
         return np.isfinite(self.e) & np.isfinite(self.n)
 
+    @property
+    def somewhere(self) -> tuple[float, float, float]:
+        """A place of the track: its first, height 0 where it has none [m]."""
+        i = int(np.flatnonzero(self.placed)[0])
+        return float(self.e[i]), float(self.n[i]), float(np.nan_to_num(self.z[i]))
+
 
 def read_instants(logs: Sequence[LogFile], on_bytes: OnBytes | None = None) -> tuple[list[Instant], dict[str, Any]]:
     """Return the moments of logs, log after log, and the count of their sentences.
