@@ -63,6 +63,11 @@ class TrackFollower:
         self._angle = math.radians(rules.own_track.heading_within_deg)
         self._branching: dict[tuple[str, str, int], bool] = {}
 
+    @property
+    def tracks(self) -> tuple[Alignment, ...]:
+        """The alignments that are tracks by the rule book."""
+        return tuple(self._tracks.values())
+
     def track(self, name: str | None) -> Alignment | None:
         """Return the alignment of a track by its name here; None for None."""
         return None if name is None else self._tracks[name]

@@ -6,6 +6,7 @@ its speed at once.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,25 +55,60 @@ def travel_rates(clearances: Clearances, T_site_machine: Floats, twist: Floats) 
     return rates
 
 
+def sideways(
+    clearances: Clearances,
+    T_site_machine: Floats,
+    solid_corners: Floats,
+    limit_corners: Mapping[int, Floats],
+) -> tuple[Floats, Floats]:
+    """Return (k,) how far machine and limit lie apart square to the way, and (k,) how far ahead or behind it reaches.
+
+    What lies apart sideways is passed, not met, however near it comes: travelling does not use that up. Known only
+    for limits that are one convex body; -infinity for the others and where they are not apart [m].
+
+    Args:
+        solid_corners: (S, 8, 3) of the machine's solids, site frame.
+        limit_corners: index of a limit into `limit_ids` to its corners (c, 3), for convex bodies.
+    """
+    apart, reach = np.full(len(clearances), -math.inf), np.zeros(len(clearances))
+    origin, ahead = T_site_machine[:3, 3], T_site_machine[:3, 0]
+    left = np.array([-ahead[1], ahead[0], 0.0]) / math.hypot(ahead[0], ahead[1])
+    for i in np.flatnonzero(clearances.other_links < 0).tolist():
+        corners = limit_corners.get(int(clearances.limits[i]))
+        if corners is None:
+            continue
+        own = solid_corners[int(clearances.solids[i])]
+        mine, its = own @ left, corners @ left
+        apart[i] = max(float(mine.min() - its.max()), float(its.min() - mine.max()))
+        reach[i] = float(np.abs((own - origin) @ ahead).max())
+    return apart, reach
+
+
 def travel_speed(
     wanted_m_s: float,
     clearances: Clearances,
     rates: Floats,
-    curvature: float,
+    beside: tuple[Floats, Floats] | None,
+    bends: tuple[float, float],
     stop_distance_m: float,
     brakes: Brakes,
 ) -> tuple[float, tuple[Reason, ...]]:
     """Return the speed that is left of `wanted_m_s`, same sign, and the reason if it is less.
 
     From the speed that is left the undercarriage stops before any clearance, less its protection level, falls below
-    its stop distance: over a way s a clearance shrinks by at most `rate s + |curvature| s^2 / 2` along the path's arc
-    (for convex things; the second term is how far the path bends away from the straight line). What is already nearer
-    than that may only grow. Nothing is known of limits beyond the search radius, so it stops within that as well.
+    its stop distance: over a way s a clearance to something convex shrinks by at most `rate s + bend s^2 / 2`, bend
+    being the path's curvature and that of what it travels along; sideways by `curvature (reach s + s^2 / 2)`, and the
+    longer way of the two counts, sideways only for what is convex itself. What is already nearer than the stop
+    distance may only grow. Nothing is known of limits beyond the search radius, so it stops within that as well. A
+    limit that turns into the way more sharply than `bend` (a heap of earth, a wire with a kink) is met only by what
+    the stop distance leaves.
 
     Args:
         wanted_m_s: along the machine's x axis, negative backwards.
         clearances: as believed, with protection levels. rates: (k,) from `travel_rates` at +1 m/s.
-        curvature: of the path [1/m]. stop_distance_m: the guard's own, where a limit has none.
+        beside: from `sideways`, or None if not known.
+        bends: unsigned curvature of the path, and the sharpest of limits that follow an axis [1/m].
+        stop_distance_m: the guard's own, where a limit has none.
     """
     if not wanted_m_s:
         return wanted_m_s, ()
@@ -81,9 +117,8 @@ def travel_speed(
     if seen < abs(wanted_m_s):
         text = f"limits are known for {clearances.searched_m:.1f} m around only, travel slowed to {seen:.2f} m/s"
         slowed = Reason(ReasonCode.LIMIT_NEAR, text, scale=seen / abs(wanted_m_s))
-        left, reasons = travel_speed(
-            math.copysign(seen, wanted_m_s), clearances, rates, curvature, stop_distance_m, brakes
-        )
+        less = math.copysign(seen, wanted_m_s)
+        left, reasons = travel_speed(less, clearances, rates, beside, bends, stop_distance_m, brakes)
         return left, reasons or (slowed,)
     if not len(clearances):
         return wanted_m_s, ()
@@ -91,7 +126,12 @@ def travel_speed(
     own = clearances.stop_distances
     stops = np.where(np.isnan(own), stop_distance_m, own)
     safe = clearances.distances - clearances.protections
-    ways = _ways(safe - stops, closing, abs(curvature))
+    ways = _ways(safe - stops, closing, bends[0] + bends[1])
+    if beside is not None:
+        apart, reach = beside
+        passed = np.maximum(apart - clearances.protections - stops, 0.0)
+        aside = _ways(passed, bends[0] * reach, bends[0])
+        ways = np.where(passed > 0.0, np.maximum(ways, aside), ways)
     ways[clearances.other_links >= 0] = math.inf
     nearest = int(np.argmin(ways))
     if not math.isfinite(ways[nearest]):

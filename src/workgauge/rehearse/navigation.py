@@ -1,6 +1,6 @@
 """From the bytes of a machine's ports to its posture, pose and health."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,6 +10,7 @@ from workgauge.values.health import PositionHealth
 from workgauge.values.measurements import MachinePose, Posture
 from workgauge.values.ports import Chunk
 from workgauge.wire.messages import decode
+from workgauge.wire.stream import Tally
 
 
 class Source(Protocol):
@@ -36,6 +37,11 @@ class Known:
 class Navigator(Protocol):
     """Turns chunks into what is known."""
 
+    @property
+    def tallies(self) -> Mapping[str, Tally]:
+        """What became of the sentences and messages of each port."""
+        ...
+
     def take(self, chunks: Sequence[Chunk], now_ns: int, track: Alignment | None) -> Known:
         """Return what is known now.
 
@@ -51,6 +57,11 @@ class PerfectNavigator:
 
     def __init__(self) -> None:
         self._known = Known()
+
+    @property
+    def tallies(self) -> Mapping[str, Tally]:
+        """None: there are no sentences."""
+        return {}
 
     def take(self, chunks: Sequence[Chunk], now_ns: int, track: Alignment | None) -> Known:
         """Return the newest values; the track does not matter."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workgauge.guard.travel import Brakes
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
 from workgauge.rehearse.interventions import InterventionLog
@@ -101,6 +102,10 @@ def open_session(loaded: LoadedScenario) -> Session:
             guard_parameters=scenario.guard.parameters,
             tick_s=scenario.tick_ms * 1e-3,
             epsg=loaded.epsg,
+            brakes=Brakes(scenario.brakes.deceleration_m_s2, scenario.brakes.reaction_s),
+            sensors=scenario.sensors,
+            faults=scenario.faults,
+            start_utc=scenario.start_utc,
         )
     except ScenarioError as error:
         if error.file is not None:

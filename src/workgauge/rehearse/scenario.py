@@ -1,9 +1,13 @@
 """The scenario's own types: what machine stands where on which site, and what its levers do when."""
 
 from collections.abc import Iterable
+from datetime import datetime
 from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from workgauge.rehearse.sensing import FaultChoice, Sensors
+from workgauge.sim.sensors.kit import START_UTC
 
 #: The first hold lasts at least this [s].
 SHORTEST_FIRST_HOLD_S = 0.1
@@ -226,9 +230,11 @@ class Scenario(Part):
     joints: Literal["ideal"] = Field(
         default="ideal", description="joints follow their command exactly, without delay"
     )
-    sensors: Literal["perfect"] = Field(
-        default="perfect", description="measurements are exact and fresh at every tick"
+    sensors: Sensors = Field(
+        default="perfect", description="measurements are exact and fresh at every tick; or simulated receivers"
     )
+    faults: tuple[FaultChoice, ...] = Field(default=(), description="what goes wrong with simulated sensors")
+    start_utc: datetime = Field(default=START_UTC, description="UTC at the start, with its time zone")
     tick_ms: Annotated[float, Field(ge=1, le=100)] = 10.0
     drive: tuple[Step, ...] = Field(min_length=1)
     travel: tuple[TravelStep, ...] = Field(default=(), description="the undercarriage's way, while the levers work")
@@ -237,6 +243,8 @@ class Scenario(Part):
 
     @model_validator(mode="after")
     def _in_order(self) -> "Scenario":
+        if self.start_utc.tzinfo is None:
+            raise ValueError("start_utc: needs a time zone, as in 2026-03-02T08:00:00Z")
         first = self.drive[0]
         if not isinstance(first, Hold) or first.for_s < SHORTEST_FIRST_HOLD_S:
             raise ValueError(

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -22,16 +23,19 @@ from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
 from workgauge.proximity.scene import Scene
 from workgauge.rehearse.choices import chosen_files, chosen_guard, chosen_place, chosen_posture
-from workgauge.rehearse.navigation import Known, Navigator, PerfectNavigator, Source
+from workgauge.rehearse.navigation import Known, Source
 from workgauge.rehearse.posture import LetOff, start_posture
 from workgauge.rehearse.result import Snapshot
 from workgauge.rehearse.scenario import OnGround, OnTrack
+from workgauge.rehearse.senses import Senses, senses
+from workgauge.rehearse.sensing import FaultChoice, Sensors
 from workgauge.rehearse.start import stand
 from workgauge.rehearse.targets import nearest_point
-from workgauge.rehearse.travelling import Travel, allowed_travel, believed_place
+from workgauge.rehearse.travelling import Travel, TravelGround, allowed_travel, believed_place
 from workgauge.rehearse.truth import GeometricTruth, Reading, snapshot
 from workgauge.rehearse.ways import RailPlace, way_from
 from workgauge.sim.kinematic import KinematicPlant
+from workgauge.sim.sensors.kit import START_UTC
 from workgauge.site.model import SiteModel
 from workgauge.site.read import read_site
 from workgauge.values.arrays import Floats
@@ -41,6 +45,7 @@ from workgauge.values.measurements import DriveMode, Intent, Levers, Stamp, Tool
 from workgauge.values.ports import Chunk
 from workgauge.values.transforms import heading_from_yaw
 from workgauge.wire.messages import NAME_BYTES
+from workgauge.wire.stream import Tally
 
 #: The shipped site, and the rule book it is built to.
 SHIPPED_SITE, SHIPPED_SITE_RULES = "double_track", "finland"
@@ -99,6 +104,10 @@ class Session:
         attachment: the attachment to mount, if the machine is loaded here.
         tick_s: tick period [s]. epsg: coordinate system, where the site files name none or a wrong one.
         brakes: of the undercarriage.
+        sensors: `perfect`, or how the simulated receivers and link sensors of the machine behave; faults: what goes
+            wrong with them.
+        source: sends the bytes of receivers and sensors in their place (a log, a serial port).
+        start_utc: UTC at the start of the simulated time.
 
     Raises:
         InputError: for anything handed in that cannot be used; `ScenarioError` if the machine would start inside a
@@ -119,6 +128,10 @@ class Session:
         tick_s: float = 0.01,
         epsg: int | None = None,
         brakes: Brakes | None = None,
+        sensors: Sensors = "perfect",
+        faults: Sequence[FaultChoice] = (),
+        source: Source | None = None,
+        start_utc: datetime = START_UTC,
     ) -> None:
         self.site = site if isinstance(site, SiteModel) else read_site(chosen_files(site), epsg=epsg)
         self.machine = machine if isinstance(machine, MachineModel) else load_machine(machine, attachment)
@@ -140,7 +153,8 @@ class Session:
         T = self._place.T_site_machine
         self._follower = TrackFollower(self.site, self.rules)
         self._tracks = self._true_tracks = self._standing_on(OnTracks(self.stand.own_track), T)
-        self._configure()
+        self.start_utc = start_utc
+        self._configure(sensors, faults, source)
         q = self._start_posture(T) if posture is None else chosen_posture(self.machine, posture)
         self.truth = GeometricTruth(self.machine, self.limit_set.limits, TRUTH_RADIUS_M)
         self._refuse_inside(q, T)
@@ -153,9 +167,11 @@ class Session:
             substep_s=tick_s / SUBSTEPS,
             on_substep=self._substep,
         )
+        if self._source is not None:
+            self._source.advance(0, q, T)
 
-    def _configure(self) -> None:
-        """Set up the tick and what it remembers."""
+    def _configure(self, sensors: Sensors, faults: Sequence[FaultChoice], source: Source | None) -> None:
+        """Set up the senses, the tick and what it remembers."""
         radius_m = max(TICK_RADIUS_M, search_radius_m(self.guard, self.limit_set.limits))
         self.machine_id = self.machine.name.encode()[:NAME_BYTES].decode(errors="ignore")
         self._config = tick_config(
@@ -164,16 +180,19 @@ class Session:
             machine_id=self.machine_id,
             dt_s=self.tick_s,
             radius_m=radius_m,
-            tool_sigma_m=0.0,
+            tool_sigma_m=0.0 if sensors == "perfect" and source is None else None,
         )
         self._memory = first_memory(self._config)
         self._now_ns = 0
         self._tick_ns = round(self.tick_s * 1e9)
-        self._navigator: Navigator = PerfectNavigator()
-        self._source: Source | None = None
+        self._senses = senses(self, sensors, faults, source)
+        self._navigator, self._source = self._senses.navigator, self._senses.source
         self._known = Known()
         self._readings: list[Reading] = []
         self._wanted_travel = 0.0, 0.0
+        self._travel_ground = TravelGround(
+            self.machine, self.limit_set.limits, self._follower.tracks, self.brakes, self.guard
+        )
 
     def _start_posture(self, T_site_machine: Floats) -> Floats:
         """Return home, or a posture clear of the nearest pole that the machine could be driven at."""
@@ -218,14 +237,14 @@ class Session:
         return np.asarray((T @ self.machine.tool_pose(self.machine.forward(q)))[:3, 3], dtype=np.float64)
 
     @property
-    def sensor_words(self) -> str:
-        """What the machine measures with."""
-        return "perfect"
+    def senses(self) -> Senses:
+        """What the machine measures with, in words."""
+        return self._senses
 
     @property
-    def sensor_assumption(self) -> str:
-        """What a run takes for granted of its sensors."""
-        return "Sensors are perfect: posture and machine pose are exact and fresh at every tick."
+    def tallies(self) -> Mapping[str, Tally]:
+        """What became of the sentences and messages of each port; empty where sensors are perfect."""
+        return self._navigator.tallies
 
     @property
     def standing_assumption(self) -> str:
@@ -359,7 +378,7 @@ class Session:
             network = self._place.network
             rails = believed_place(pose, network, own)
         allowed, reasons = allowed_travel(
-            wanted, curvature, trace, self._known, rails, self.brakes, self.guard, self._memory.gate.open
+            wanted, curvature, trace, self._known, rails, self._travel_ground, self._memory.gate.open
         )
         self._plant.travel(allowed, curvature)
         return Travel(wanted, allowed, curvature=curvature, reasons=reasons)

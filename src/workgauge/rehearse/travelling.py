@@ -1,23 +1,27 @@
 """Travel in a rehearsal: what the driver wants, what the limits leave of it, and what stops it."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from workgauge.guard.api import Guard
-from workgauge.guard.travel import Brakes, travel_rates, travel_speed
+from workgauge.guard.travel import Brakes, sideways, travel_rates, travel_speed
 from workgauge.loop.tick import Trace
+from workgauge.machine.model import MachineModel
 from workgauge.rehearse.navigation import Known
 from workgauge.rehearse.scenario import TravelStep
 from workgauge.rehearse.ways import RailNetwork, RailPlace
 from workgauge.sim.travel import twist_per_metre
 from workgauge.site.alignment import Alignment
+from workgauge.values.arrays import Floats
 from workgauge.values.errors import ScenarioError
 from workgauge.values.health import HealthState
+from workgauge.values.limits import Limit
 from workgauge.values.measurements import MachinePose
 from workgauge.values.reasons import STOPPING, Reason
+from workgauge.values.solids import Box, Convex
 
 #: A leg is made when no more than this is left of it [m].
 THERE_M = 0.005
@@ -56,8 +60,7 @@ def allowed_travel(
     trace: Trace,
     known: Known,
     place: RailPlace | None,
-    brakes: Brakes,
-    guard: Guard,
+    ground: "TravelGround",
     gate_open: bool,
 ) -> tuple[float, tuple[Reason, ...]]:
     """Return the speed that is left of what the driver wants, and why.
@@ -67,7 +70,7 @@ def allowed_travel(
 
     Args:
         trace: of this tick. known: what it was given. place: on the rails as believed, None on the ground.
-        guard: for its stop distance, where a limit has none.
+        ground: what does not change while the session lasts.
     """
     pose = known.pose
     frozen_chassis = known.health is not None and known.health.state is HealthState.CHASSIS_FROZEN
@@ -75,15 +78,59 @@ def allowed_travel(
     if stopped or pose is None or trace.clearances is None:
         return 0.0, ()
     T = pose.T_site_machine
-    way = brakes.way(abs(wanted_m_s))
+    way = ground.brakes.way(abs(wanted_m_s))
     if place is not None:
         twist = twist_per_metre(place, 0.0)
         curvature = _sharpest(place, math.copysign(way, wanted_m_s))
     else:
         twist = np.concatenate([T[:3, 0], curvature * T[:3, 2]])
     rates = travel_rates(trace.clearances, T, twist)
-    own = float(getattr(guard, "stop_distance_m", STOP_DISTANCE_M))
-    return travel_speed(wanted_m_s, trace.clearances, rates, curvature, own, brakes)
+    beside = ground.beside(trace, T)
+    bends = abs(curvature), ground.sharpest
+    return travel_speed(wanted_m_s, trace.clearances, rates, beside, bends, ground.stop_distance_m, ground.brakes)
+
+
+class TravelGround:
+    """What travel needs to know of a machine and its site, once and for all.
+
+    Args:
+        machine: its solids. limits: all, in the order of the scene. tracks: alignments that are tracks.
+        brakes: of the undercarriage. guard: for its stop distance, where a limit has none.
+    """
+
+    def __init__(
+        self,
+        machine: MachineModel,
+        limits: Sequence[Limit],
+        tracks: Iterable[Alignment],
+        brakes: Brakes,
+        guard: Guard,
+    ) -> None:
+        self.brakes = brakes
+        self.stop_distance_m = float(getattr(guard, "stop_distance_m", STOP_DISTANCE_M))
+        self.sharpest = max((float(np.abs(_curvatures(track)).max()) for track in tracks), default=0.0)
+        self._machine = machine
+        self._corners = {
+            i: limit.solid.vertices for i, limit in enumerate(limits) if isinstance(limit.solid, Box | Convex)
+        }
+
+    def beside(self, trace: Trace, T_site_machine: Floats) -> tuple[Floats, Floats] | None:
+        """Return what lies beside the way of the machine as believed, see `guard.travel.sideways`."""
+        if trace.q is None or trace.clearances is None:
+            return None
+        poses, halves = self._machine.solid_poses(self._machine.forward(trace.q))
+        T_site_boxes = T_site_machine @ poses
+        corners = (CORNERS * halves[:, None, :]) @ T_site_boxes[:, :3, :3].transpose(0, 2, 1) + T_site_boxes[
+            :, None, :3, 3
+        ]
+        return sideways(trace.clearances, T_site_machine, corners, self._corners)
+
+
+def _curvatures(track: Alignment) -> Floats:
+    """Return the curvatures at the ends of a track's elements, just inside them [1/m]."""
+    ends = track.breaks
+    inside = np.concatenate([ends, np.maximum(ends - 1e-6, 0.0), np.minimum(ends + 1e-6, track.length)])
+    return track.at(inside).curvature
 
 
 def _sharpest(place: RailPlace, way_m: float) -> float:
@@ -91,6 +138,10 @@ def _sharpest(place: RailPlace, way_m: float) -> float:
     alignment, sign = place.rails.alignment, 1.0 if place.forward else -1.0
     ahead = place.distance_m + sign * way_m * np.linspace(0.0, 1.0, 5)
     return float(np.abs(alignment.at(np.clip(ahead, 0.0, alignment.length)).curvature).max())
+
+
+#: Signs of a box's corners (8, 3).
+CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
 class Driver:

@@ -17,7 +17,7 @@ def run_facts(session: Session) -> dict[str, str]:
         "machine": f"{machine.title} ({machine.name}), {machine.attachment}",
         "rules": f"{session.rules.title} ({session.rules.name})",
         "guard": _guard_words(session.guard),
-        "sensors": session.sensor_words,
+        "sensors": session.senses.words,
         "stands": session.stand.words,
         "own track, let off": "none" if own is None else own.strip(),
         "limits": str(len(session.limits)),
@@ -50,7 +50,7 @@ def run_assumptions(session: Session, travelled: bool, switched: bool) -> tuple[
     )
     return (
         "Joints are ideal: each follows its valve at once, without dead time, lag or flow limit.",
-        session.sensor_assumption,
+        session.senses.assumption,
         travel if travelled else session.standing_assumption,
         *((states,) if session.states else ()),
         "The site is as its files say; what they leave out is not guarded.",
