@@ -84,6 +84,7 @@ ROWS = (
                 "posMode": TEXT,
             },
             9,
+            {"navStatus": "V"},  # not a receiver that judges its own integrity
         ),
         positions.read_rmc,
         positions.write_rmc,
