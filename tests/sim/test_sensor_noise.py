@@ -1,11 +1,13 @@
 """Errors of simulated sensors: as large, as slow and as shared as their settings say, and each sensor's its own."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.interpolate import PchipInterpolator
 
 from workgauge.sim.sensors.faults import Fault, FaultKind
 from workgauge.sim.sensors.randomness import BLOCK, GRID_NS, GaussMarkov, White, generator
@@ -169,21 +171,47 @@ def test_an_inclinometers_error_tilts_alike_about_every_axis_whichever_way_it_li
             assert within_chi2(tilts[:, k], math.radians(sigma_deg))
 
 
-def test_a_moving_base_has_the_files_sigma_and_says_so(world: SimpleNamespace) -> None:
+@pytest.mark.parametrize(("fault", "factor"), [((), 1.0), ((Fault(FaultKind.FLOAT),), 10.0)])
+def test_a_moving_base_has_the_files_sigma_and_says_so(world: SimpleNamespace, fault, factor: float) -> None:
+    """Ten times as large without fixed ambiguities; pitch twice as uncertain as heading."""
     machine = world.MACHINES["moving base"]()
     settings = SensorSettings(
         ReceiverSettings(rate_hz=1),
         heading=HeadingSettings(rate_hz=50, correlated=0.0, protocol="both"),
         links=QUIET,
+        faults=fault,
     )
     heard = world.hear(world.kit_of(machine, settings), world.standing(machine, 8000, 20))
     exact = world.hear(world.kit_of(machine, world.exact(rate_hz=1, links=QUIET)), world.standing(machine, 0, 20))
-    (true,) = (one.heading for one in exact.of(GnssHeading))
-    sigma = math.radians(machine.positioning.heading.sigma_deg)
+    (true,) = exact.of(GnssHeading)
+    sigma = factor * math.radians(machine.positioning.heading.sigma_deg)
     for sentence in ("PTNL,AVR", "NAV-RELPOSNED"):
         read = [one for one in heard.of(GnssHeading) if one.sentence == sentence]
-        assert within_chi2([math.remainder(one.heading - true, 2 * math.pi) for one in read], sigma)
+        assert len(read) == 401
+        assert within_chi2([math.remainder(one.heading - true.heading, 2 * math.pi) for one in read], sigma)
+        assert within_chi2([one.pitch - true.pitch for one in read], 2.0 * sigma)
+        assert {one.quality for one in read} == {FixQuality.FLOAT if fault else FixQuality.FIXED}
     assert read[0].sigma == pytest.approx(sigma, rel=1e-3)
+
+
+def test_a_wire_encoders_errors_are_of_its_stroke_and_of_its_calibration(world: SimpleNamespace) -> None:
+    """In the joint they add up: the stroke's times the curve's slope, and the joint's own."""
+    machine = world.MACHINES["brokk5"]()
+    section = machine.positioning
+    j, wire = next((k, one) for k, one in enumerate(section.joints) if one.kind == "wire_encoder")
+    curve = PchipInterpolator(wire.calibration.stroke_m, np.radians(wire.calibration.position_deg))
+    for stroke_m, joint_deg in ((0.001, None), (None, 0.4), (0.001, 0.4), (None, None)):
+        spec = wire.model_copy(update={"sigma_m": stroke_m, "sigma_deg": joint_deg})
+        joints = tuple(spec if k == j else one for k, one in enumerate(section.joints))
+        changed = replace(machine, positioning=section.model_copy(update={"joints": joints}))
+        settings = SensorSettings(ReceiverSettings(rate_hz=1), links=LinkSettings(rate_hz=50, gyros=False))
+        heard = world.hear(world.kit_of(changed, settings), world.standing(changed, 6000, 20))
+        strokes = np.array([one.value for one in heard.of(EncoderReading, wire.sensor)])
+        at = float(np.mean(strokes))
+        joint = math.radians(joint_deg if joint_deg is not None else 0.0 if stroke_m else 0.1)
+        sigma = math.hypot((stroke_m or 0.0) * float(curve(at, 1)), joint)
+        assert len(strokes) == 301
+        assert within_chi2(curve(strokes) - machine.home[machine.joint_names.index(wire.joint)], sigma)
 
 
 @pytest.mark.parametrize("stated", [0.5, 1.0])

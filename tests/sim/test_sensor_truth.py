@@ -244,7 +244,8 @@ def test_an_epoch_between_two_states_is_interpolated(world: SimpleNamespace) -> 
     truth = Truth(machine, 3879, world.PLACES[3879])
 
     def state(t_s: float):
-        return machine.home, _pose((3.0 * t_s, 4.0 * t_s, 0.0), 0.2 * t_s, 0.0, 0.0)
+        q = machine.home + np.array([0.5 * t_s, *np.zeros(machine.n - 1)])
+        return q, _pose((3.0 * t_s, 4.0 * t_s, 0.0), 0.2 * t_s, 0.0, 0.0)
 
     kit = world.kit_of(machine, world.exact(protocol="ubx", messages=("NAV-PVT", "NAV-HPPOSLLH")))
     heard = world.hear(kit, [(k * 7 * MS, *state(k * 7e-3)) for k in range(60)])
@@ -287,3 +288,23 @@ def test_nothing_arrives_before_it_is_due(world: SimpleNamespace) -> None:
     assert [chunk.received_ns for chunk in kit.read(49 * MS)] == [10 * MS, 20 * MS]
     assert [chunk.received_ns for chunk in kit.read(50 * MS)] == [50 * MS]
     assert kit.read(10_000 * MS) == []
+
+
+def test_a_machine_first_seen_late_has_no_epochs_before(world: SimpleNamespace) -> None:
+    machine = world.MACHINES["rre20"]()
+    kit = world.kit_of(machine, world.exact())
+    heard = world.hear(kit, [(t_ms * MS, machine.home, np.eye(4)) for t_ms in (1003, 1050)])
+    assert [chunk.received_ns // MS for chunk in heard.chunks if chunk.port == "gnss-left"] == [1070]
+    links = [chunk.received_ns // MS for chunk in heard.chunks if chunk.port == "links"]
+    assert links == [1020, 1030, 1040, 1050, 1060]
+
+
+@pytest.mark.parametrize(("turns", "read"), [(0.0, 0.3), (1.0, 0.3), (0.5, 0.3 - math.pi), (-3.0, 0.3)])
+def test_the_encoder_of_an_endless_joint_starts_again_at_half_a_turn(
+    world: SimpleNamespace, turns: float, read: float
+) -> None:
+    machine = world.MACHINES["rre20"]()
+    q = np.array(machine.home)
+    q[0] = 0.3 + turns * 2.0 * math.pi
+    (one,) = world.hear(world.kit_of(machine, world.exact()), [(0, q, np.eye(4))]).of(EncoderReading, "swing")
+    assert one.value == pytest.approx(read, abs=1e-9)
