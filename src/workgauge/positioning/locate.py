@@ -133,17 +133,19 @@ class Locator:
         if solved is not None:
             memory = replace(memory, tried_ns=solved.valid_ns, newest=solved.fixes)
         stale = self._stale(memory, now_ns)
-        seen = self._seen(memory, solved, now_ns, stale, checked)
+        now = self._now(memory, now_ns)
+        seen = self._seen(memory, solved, now, now_ns, stale, checked)
         health, accept, judged = judge(seen, memory.health, self.spec.thresholds)
-        memory = self._taken(replace(memory, health=judged), solved, accept, seen)
         frozen_ns = None
         if health.state is HealthState.CHASSIS_FROZEN:
             frozen_ns = now_ns if memory.frozen_ns is None else memory.frozen_ns
-        if frozen_ns != memory.frozen_ns:
-            memory = replace(memory, frozen_ns=frozen_ns)
+        memory = replace(memory, health=judged, frozen_ns=frozen_ns)
+        if solved is not None:
+            memory = self._taken(memory, solved, accept, seen)
+            now = self._now(memory, now_ns)
         if memory.newest is not None and memory.newest.beside:
             health = self._beside(health, memory)
-        pose = self._pose(memory, now_ns) if health.state.usable else None
+        pose = self._pose(memory, now, now_ns) if health.state.usable else None
         return Located(pose, self._posture(memory.posture, now_ns, bool(stale)), health, memory.newest), memory
 
     def _newest(self, memory: LocatorMemory, now_ns: int) -> Solved | None:
@@ -204,7 +206,13 @@ class Locator:
         return tuple(stale)
 
     def _seen(
-        self, memory: LocatorMemory, solved: Solved | None, now_ns: int, stale: tuple[str, ...], checked: bool | None
+        self,
+        memory: LocatorMemory,
+        solved: Solved | None,
+        now: tuple[Floats, Floats, float] | None,
+        now_ns: int,
+        stale: tuple[str, ...],
+        checked: bool | None,
     ) -> HealthSeen:
         known, motion = memory.solved, memory.motion
         newest = solved or known
@@ -212,8 +220,7 @@ class Locator:
             return HealthSeen(
                 now_ns, stale_sensors=stale, jumped_joints=self._jumped(memory.posture), checked=checked
             )
-        until = now_ns if memory.frozen_ns is None or solved is not None else memory.frozen_ns
-        covariance = self._carried(newest, motion, until)[1]
+        covariance = self._carried(newest, motion, now_ns)[1] if solved is not None or now is None else now[1]
         innovation, again, difference, sigma = math.nan, math.nan, math.nan, math.nan
         if solved is not None:
             innovation = 0.0 if known is None else self._innovation(known, solved, motion)
@@ -271,10 +278,8 @@ class Locator:
         difference = course_difference(yaw, course, motion.speed_m_s, slowest, None)
         return difference, math.hypot(sigma, course_sigma(motion.speed_m_s, motion.sigma))
 
-    def _taken(self, memory: LocatorMemory, solved: Solved | None, accept: bool, seen: HealthSeen) -> LocatorMemory:
+    def _taken(self, memory: LocatorMemory, solved: Solved, accept: bool, seen: HealthSeen) -> LocatorMemory:
         """Return the memory with the epoch's solution in it, accepted or refused."""
-        if solved is None:
-            return memory
         if not accept:
             return replace(memory, refused=_candidate(solved))
         x, y, z = solved.T[:3, 3].tolist()
@@ -301,28 +306,34 @@ class Locator:
         if found is not None:
             (x, y, z), yaw_rate, sigma, yaw_sigma, over = found
             motion = Motion((float(x), float(y), float(z)), yaw_rate, sigma, yaw_sigma, over, False)
-        bent = self._bender.at(memory.samples, memory.posture, solved.valid_ns, self.spec.thresholds.link_age_s)
-        if bent is not None:
-            given = self.machine, bent[0].q, memory.posture, solved
-            motion = gyro_rate(*given, memory.gyro, motion)
-            index = self._solver.receivers[0]
-            epochs = memory.heard[index].epochs
-            velocity = next((one.velocity for one in reversed(epochs) if one.key == solved.key), None)
-            motion = antenna_velocity(*given, velocity, self._crs, self._solver.wanted[0], motion)
+        index = self._solver.receivers[0]
+        velocity = next((one.velocity for one in reversed(memory.heard[index].epochs) if one.key == solved.key), None)
+        if velocity is not None or memory.gyro is not None:
+            kin = self.machine.forward(solved.q)
+            motion = gyro_rate(self.machine, kin, memory.posture, solved, memory.gyro, motion)
+            antenna = self._solver.wanted[0]
+            motion = antenna_velocity(self.machine, kin, memory.posture, solved, velocity, self._crs, antenna, motion)
         if solved.along is not None:
             motion = _along(motion, solved)
         standing = self.spec.thresholds.standing_m_s
         return settled(motion, standing, 0.5 * self.machine.undercarriage.gauge_m)
 
-    def _pose(self, memory: LocatorMemory, now_ns: int) -> MachinePose | None:
-        solved = memory.solved
-        if solved is None:
+    def _now(self, memory: LocatorMemory, now_ns: int) -> tuple[Floats, Floats, float] | None:
+        """Return the pose of the newest accepted solution and its covariance now, or when the chassis was frozen."""
+        if memory.solved is None:
             return None
         until = now_ns if memory.frozen_ns is None else memory.frozen_ns
-        T, covariance, _ = self._carried(solved, memory.motion, until)
+        return self._carried(memory.solved, memory.motion, until)
+
+    def _pose(
+        self, memory: LocatorMemory, now: tuple[Floats, Floats, float] | None, now_ns: int
+    ) -> MachinePose | None:
+        if now is None or memory.solved is None:
+            return None
+        T, covariance, _ = now
         covariance = 0.5 * (covariance + covariance.T)
         freeze(covariance)
-        return MachinePose(Stamp(self.machine_id, now_ns, SOURCE, solved.epoch_ns), frozen(T), covariance)
+        return MachinePose(Stamp(self.machine_id, now_ns, SOURCE, memory.solved.epoch_ns), frozen(T), covariance)
 
     def _posture(self, memory: PostureMemory, now_ns: int, stale: bool) -> Posture | None:
         found = self._bender.now(memory, now_ns)

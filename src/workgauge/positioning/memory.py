@@ -58,7 +58,7 @@ class Solved:
     Attributes:
         valid_ns: on the tick's clock. epoch_ns: UTC, if said. key: milliseconds of the day of its epoch.
         quality: the worse of its fixes'. correction_age_s: the older.
-        T: (4, 4). covariance: (6, 6). cross: (6, n). samples: the readings it was found with, by channel.
+        T: (4, 4). covariance: (6, 6). cross: (6, n). q: (n,) joints at the epoch, with which it was found.
         along: (3) unit vector of the rails it was put on, None off rails. distance: along them. curvature: there, in
             the direction of `along`.
         fixes: what it was found from.
@@ -73,6 +73,7 @@ class Solved:
     T: Floats
     covariance: Floats
     cross: Floats
+    q: Floats
     fixes: GridFixes
     along: tuple[float, float, float] | None = None
     distance: float = math.nan

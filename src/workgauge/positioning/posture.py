@@ -14,10 +14,9 @@ import bisect
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from workgauge.machine.model import MachineModel
 from workgauge.machine.parts import Sensor
@@ -34,7 +33,7 @@ from workgauge.positioning.attitude import (
     up_seen,
     up_sides,
 )
-from workgauge.values.arrays import Floats, frozen
+from workgauge.values.arrays import Floats, freeze, frozen
 
 #: Sigma of a joint where the machine file gives none [rad, m].
 DEFAULT_SIGMA_RAD, DEFAULT_SIGMA_M = math.radians(0.1), 0.005
@@ -105,7 +104,13 @@ class WireCurve:
         else:
             positions = np.array(calibration.position_m)
         self._knots: list[float] = strokes.tolist()
-        self._pieces: list[list[float]] = PchipInterpolator(strokes, positions).c.T.tolist()
+        steps = np.diff(strokes)
+        chords = np.diff(positions) / steps
+        slopes = _monotone_slopes(steps, chords)
+        cubic = (slopes[:-1] + slopes[1:] - 2.0 * chords) / steps**2
+        square = (3.0 * chords - 2.0 * slopes[:-1] - slopes[1:]) / steps
+        pieces = np.column_stack([cubic, square, slopes[:-1], positions[:-1]])
+        self._pieces: list[list[float]] = pieces.tolist()
         self._margin = BEYOND_CALIBRATION * (self._knots[-1] - self._knots[0])
 
     def at(self, stroke: float) -> tuple[float, float]:
@@ -118,6 +123,30 @@ class WireCurve:
         x = inside - self._knots[i]
         slope = (3.0 * a * x + 2.0 * b) * x + c
         return ((a * x + b) * x + c) * x + d + slope * (stroke - inside), slope
+
+
+def _monotone_slopes(steps: Floats, chords: Floats) -> Floats:
+    """Return the slopes (k + 1,) at the points of a monotone cubic (Fritsch and Butland 1984, as in PCHIP).
+
+    Inside, the weighted harmonic mean of the chords on both sides; at an end, that of the parabola through three
+    points, held so that the curve does not turn back.
+    """
+    if len(steps) == 1:
+        return np.array([chords[0], chords[0]])
+    left, right = 2.0 * steps[1:] + steps[:-1], steps[1:] + 2.0 * steps[:-1]
+    inner = (left + right) / (left / chords[:-1] + right / chords[1:])
+
+    def end(h0: float, h1: float, c0: float, c1: float) -> float:
+        slope = ((2.0 * h0 + h1) * c0 - h0 * c1) / (h0 + h1)
+        return slope if slope * c0 > 0.0 else 0.0
+
+    first = end(float(steps[0]), float(steps[1]), float(chords[0]), float(chords[1]))
+    last = end(float(steps[-1]), float(steps[-2]), float(chords[-1]), float(chords[-2]))
+    return np.concatenate([[first], inner, [last]])
+
+
+#: Up in a link's frame, and its two sides.
+_Directions: TypeAlias = tuple[Vec, Vec, Vec]
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,48 +193,65 @@ class PostureSolver:
         self._starts = [sum(widths[:i]) for i in range(len(widths))]
         self._width = sum(widths)
         self._sigmas = [channel.sigma for channel in self.channels]
+        extra = np.diag([joint.extra_sigma**2 for joint in self._joints])
+        self._extra = extra if extra.any() else None
 
     def up(self, channel: int, reading: Reading) -> Vec:
         """Return the upward direction in the frame of the link that an inclinometer sits on."""
         return times(self.channels[channel].mounting, up_seen(reading.first, reading.second))
 
     def up_covariance(self, channel: int, reading: Reading) -> Floats:
-        """Return the covariance (3, 3) of `up`."""
+        """Return the covariance (3, 3) of `up`: sigma squared about every axis square to it."""
+        up = np.array(self.up(channel, reading))
         sigma = self._sigma(channel, reading)
-        gain = self._up_gain(channel, reading)
-        covariance: Floats = (sigma * sigma) * (gain @ gain.T)
+        covariance: Floats = (sigma * sigma) * (np.eye(3) - up[:, None] * up)
         return covariance
 
     def solve(self, readings: Sequence[Reading]) -> PostureSolution:
         """Return the posture from one reading per channel; NaN where a reading is, or where gravity says nothing."""
+        seen = [
+            self._directions(channel.mounting, reading) if channel.tilting else None
+            for channel, reading in zip(self.channels, readings, strict=True)
+        ]
         q: list[float] = []
         gains: list[list[float]] = []
         for joint in self._joints:
-            value, gain = self._of(joint, readings, q, gains)
+            value, gain = self._of(joint, readings, seen, q, gains)
             q.append(value)
             gains.append(gain)
-        H = np.array(gains)
         scale: list[float] = []
         for i, channel in enumerate(self.channels):
-            scale += [self._sigma(i, readings[i])] * (2 if channel.tilting else 1)
-        scaled = H * np.array(scale)
+            own, least = readings[i].sigma, self._sigmas[i]
+            scale += [own if own > least else least] * (2 if channel.tilting else 1)
+        scaled = np.array(gains)
+        scaled *= scale
         covariance = scaled @ scaled.T
-        extra = [joint.extra_sigma**2 for joint in self._joints]
-        covariance[range(len(q)), range(len(q))] += extra
-        tilt = self._up_gain(0, readings[0]) * scale[0]
-        return PostureSolution(frozen(q), frozen(covariance), frozen(tilt @ scaled[:, :2].T))
+        if self._extra is not None:
+            covariance += self._extra
+        assert seen[0] is not None
+        tilt = np.array(seen[0][1:]).T * scale[0] @ scaled[:, :2].T
+        for array in (covariance, tilt):
+            freeze(array)
+        return PostureSolution(frozen(q), covariance, tilt)
+
+    @staticmethod
+    def _directions(mounting: Mat, reading: Reading) -> _Directions:
+        """Return up and its two sides in the frame of the link an inclinometer sits on."""
+        by_roll, by_pitch = up_sides(reading.first, reading.second)
+        up = up_seen(reading.first, reading.second)
+        return times(mounting, up), times(mounting, by_roll), times(mounting, by_pitch)
 
     def _sigma(self, channel: int, reading: Reading) -> float:
         own = reading.sigma
         return own if own > self._sigmas[channel] else self._sigmas[channel]
 
-    def _up_gain(self, channel: int, reading: Reading) -> Floats:
-        mounting = self.channels[channel].mounting
-        by_roll, by_pitch = up_sides(reading.first, reading.second)
-        return np.array([times(mounting, by_roll), times(mounting, by_pitch)]).T
-
     def _of(
-        self, joint: _Joint, readings: Sequence[Reading], q: list[float], gains: list[list[float]]
+        self,
+        joint: _Joint,
+        readings: Sequence[Reading],
+        seen: Sequence[_Directions | None],
+        q: list[float],
+        gains: list[list[float]],
     ) -> tuple[float, list[float]]:
         """Return one joint's position and how it changes with every sensor's value."""
         gain = [0.0] * self._width
@@ -217,16 +263,22 @@ class PostureSolver:
             value, slope = joint.curve.at(joint.sign * own.first)
             gain[self._starts[joint.channel]] = joint.sign * slope
             return value + joint.offset, gain
-        return self._by_gravity(joint, readings, q, gains, gain)
+        link, before = seen[joint.channel], seen[joint.before]
+        assert link is not None and before is not None
+        return self._by_gravity(joint, link, before, q, gains, gain)
 
     def _by_gravity(
-        self, joint: _Joint, readings: Sequence[Reading], q: list[float], gains: list[list[float]], gain: list[float]
+        self,
+        joint: _Joint,
+        link: _Directions,
+        before: _Directions,
+        q: list[float],
+        gains: list[list[float]],
+        gain: list[float],
     ) -> tuple[float, list[float]]:
-        a = joint.axis
-        own, before = self.channels[joint.channel], self.channels[joint.before]
-        reading, reading_before = readings[joint.channel], readings[joint.before]
-        v = times(joint.child, self.up(joint.channel, reading))
-        w = transposed_times(joint.parent, self._carried(self.up(joint.before, reading_before), before.link, q))
+        a, first = joint.axis, self.channels[joint.before].link
+        v = times(joint.child, link[0])
+        w = transposed_times(joint.parent, self._carried(before[0], first, q))
         av, aw, plane = dot(a, v), dot(a, w), cross(a, v)
         square_v, square_w = 1.0 - av * av, 1.0 - aw * aw
         if not min(square_v, square_w) > LEAST_LEVER**2:
@@ -234,23 +286,23 @@ class PostureSolver:
         value = math.atan2(dot(plane, w), dot(v, w) - av * aw) + joint.offset
         if joint.middle is not None:
             value = joint.middle + math.remainder(value - joint.middle, 2.0 * math.pi)
-        side_v = tuple(part / square_v for part in plane)
-        side_w = tuple(part / square_w for part in cross(a, w))
+        # what a change of the link's direction does, in the frame of the link
+        side_v = transposed_times(joint.child, plane)
         start = self._starts[joint.channel]
-        for k, change in enumerate(up_sides(reading.first, reading.second)):
-            gain[start + k] -= dot(side_v, times(joint.child, times(own.mounting, change)))  # type: ignore[arg-type]
+        gain[start] -= dot(side_v, link[1]) / square_v
+        gain[start + 1] -= dot(side_v, link[2]) / square_v
+        # and of the one before, in the frame of the link its sensor sits on
+        side_w = times(joint.parent, cross(a, w))
         start = self._starts[joint.before]
-        for k, change in enumerate(up_sides(reading_before.first, reading_before.second)):
-            moved = self._carried(times(before.mounting, change), before.link, q)
-            gain[start + k] += dot(side_w, transposed_times(joint.parent, moved))  # type: ignore[arg-type]
-        up = self.up(joint.before, reading_before)
-        for i in range(before.link, len(q)):
+        gain[start] += dot(side_w, self._carried(before[1], first, q)) / square_w
+        gain[start + 1] += dot(side_w, self._carried(before[2], first, q)) / square_w
+        for i in range(first, len(q)):
             if self._joints[i].prismatic:
                 continue
-            turned_by = self._change(up, before.link, i, q)
-            share = dot(side_w, transposed_times(joint.parent, turned_by))  # type: ignore[arg-type]
-            for k, part in enumerate(gains[i]):
-                gain[k] += share * part
+            share = dot(side_w, self._change(before[0], first, i, q)) / square_w
+            if share:
+                for k, part in enumerate(gains[i]):
+                    gain[k] += share * part
         return value, gain
 
     def _carried(self, direction: Vec, link: int, q: list[float]) -> Vec:

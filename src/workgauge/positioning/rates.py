@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from workgauge.geodesy.crs import ProjectedCrs
-from workgauge.machine.model import MachineModel
+from workgauge.machine.model import Kinematics, MachineModel
 from workgauge.positioning.attitude import skew
 from workgauge.positioning.memory import PostureMemory, Solved
 from workgauge.positioning.motion import Motion
@@ -21,7 +21,7 @@ GYRO_NS = 100_000_000
 
 def gyro_rate(
     machine: MachineModel,
-    q: Floats,
+    kin: Kinematics,
     posture: PostureMemory,
     solved: Solved,
     gyro: AngularRate | None,
@@ -30,7 +30,7 @@ def gyro_rate(
     """Return the motion with the yaw rate of a gyro on some link, less what the joints turn that link, if surer.
 
     Args:
-        q: (n,) joints at the epoch.
+        kin: at the epoch.
     """
     if gyro is None or abs(gyro.stamp.monotonic_ns - solved.valid_ns) > GYRO_NS:
         return motion
@@ -38,7 +38,6 @@ def gyro_rate(
     sensor = next((one for one in machine.sensors if one.name == name), None)
     if sensor is None or not np.isfinite(gyro.rate).all():
         return motion
-    kin = machine.forward(q)
     R = kin.T_machine_links[sensor.link, :3, :3] @ sensor.T_link_sensor[:3, :3]
     up = solved.T[2, :3]
     turning = up @ kin.spatial_jacobian[3:, : sensor.link]
@@ -51,7 +50,7 @@ def gyro_rate(
 
 def antenna_velocity(
     machine: MachineModel,
-    q: Floats,
+    kin: Kinematics,
     posture: PostureMemory,
     solved: Solved,
     given: GnssVelocity | None,
@@ -67,7 +66,6 @@ def antenna_velocity(
     if given is None or not math.isfinite(given.speed_m_s) or not math.isfinite(given.course + 0.0):
         return motion
     sensor = next(one for one in machine.sensors if one.name == antenna)
-    kin = machine.forward(q)
     R, T = solved.T[:3, :3], kin.T_machine_links[sensor.link]
     arm = T[:3, :3] @ sensor.T_link_sensor[:3, 3] + T[:3, 3]
     moving = kin.spatial_jacobian[:, : sensor.link]

@@ -254,6 +254,7 @@ class EpochSolver:
             heading_difference=difference,
             heading_sigma=sigma,
             swapped=swapped,
+            q=given.posture.q,
         )
 
     def _rails_of(

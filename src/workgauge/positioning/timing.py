@@ -97,13 +97,18 @@ class Epoch:
             quality = FixQuality.NONE  # one sentence of the epoch says there is no fix
         age = fix.correction_age_s if math.isfinite(fix.correction_age_s) else self.correction_age_s
         stated = self.covariance if fix.covariance is None else fix.covariance
-        return replace(
-            self,
-            fix=fix if better else self.fix,
-            quality=quality,
-            correction_age_s=age,
-            covariance=stated,
+        kept = fix if better else self.fix
+        return Epoch(
+            self.key, self.valid_ns, self.arrived_ns, self.epoch_ns, kept, quality, age, stated, self.velocity
         )
+
+
+def _place(fix: GnssFix) -> tuple[float, float, float] | None:
+    """Return latitude, longitude and height as sent, None without all three."""
+    height = fix.height_msl_m if math.isfinite(fix.height_msl_m) else fix.height_ellipsoid_m
+    if not (math.isfinite(fix.latitude) and math.isfinite(height)):
+        return None
+    return fix.latitude, fix.longitude, height
 
 
 def _rank(fix: GnssFix) -> tuple[bool, bool, bool]:
@@ -139,46 +144,46 @@ class Heard:
             latency_ns: of the receiver. silence_ns: a talker silent for longer gives way to another.
         """
         stamp = message.stamp
-        arrived = stamp.monotonic_ns
-        heard = self
+        arrived, epoch_ns = stamp.monotonic_ns, stamp.epoch_ns
+        talker, talker_ns = self.talker, self.talker_ns
         if isinstance(message, GnssFix):
-            if self.talker not in ("", stamp.source) and arrived - self.talker_ns <= silence_ns:
+            if talker not in ("", stamp.source) and arrived - talker_ns <= silence_ns:
                 return self
-            heard = replace(heard, talker=stamp.source, talker_ns=arrived)
-        if stamp.epoch_ns is not None:
-            heard = replace(heard, clock=heard.clock.heard(arrived, stamp.epoch_ns))
-        key = epoch_key(stamp.epoch_ns, message.time_of_day_s)
-        last = self.epochs[-1] if self.epochs else None
-        if key is None:
-            together = last is not None and arrived - last.arrived_ns <= SAME_BURST_NS
-            repeated = isinstance(message, GnssFix) and last is not None and last.fix is not None
-            key = last.key if last is not None and together and not repeated else -(arrived // 1_000_000) - 1
-        at = next((i for i, one in enumerate(self.epochs) if one.key == key), None)
+            talker, talker_ns = stamp.source, arrived
+        clock = self.clock if epoch_ns is None else self.clock.heard(arrived, epoch_ns)
+        key = self._key(message)
+        epochs = self.epochs
+        at = next((i for i, one in enumerate(epochs) if one.key == key), None)
         if at is None:
-            valid = heard.clock.valid_ns(arrived, stamp.epoch_ns, latency_ns)
-            epochs = (*self.epochs, Epoch(key, valid, arrived, stamp.epoch_ns))[-KEPT_EPOCHS:]
+            valid = clock.valid_ns(arrived, epoch_ns, latency_ns)
+            epochs = (*epochs, Epoch(key, valid, arrived, epoch_ns))[-KEPT_EPOCHS:]
             at = len(epochs) - 1
-        else:
-            epochs = self.epochs
         epoch = epochs[at]
+        states_error, place, same_since_ns = self.states_error, self.place, self.same_since_ns
         if isinstance(message, GnssFix):
-            heard = heard._placed(message, epoch.valid_ns)
+            here = _place(message)
+            if here is not None and here != place:
+                place, same_since_ns = here, epoch.valid_ns
             epoch = epoch.with_fix(message)
         elif isinstance(message, GnssError):
-            heard = replace(heard, states_error=True)
+            states_error = True
             epoch = replace(epoch, covariance=message.covariance)
         else:
             epoch = replace(epoch, velocity=message)
-        return replace(heard, epochs=(*epochs[:at], epoch, *epochs[at + 1 :]))
+        epochs = (*epochs[:at], epoch, *epochs[at + 1 :])
+        return Heard(epochs, clock, talker, talker_ns, states_error, place, same_since_ns)
 
-    def _placed(self, fix: GnssFix, valid_ns: int) -> "Heard":
-        if not math.isfinite(fix.latitude) or _rank(fix)[1] is False:
-            return self
-        height = fix.height_msl_m if math.isfinite(fix.height_msl_m) else fix.height_ellipsoid_m
-        place = (fix.latitude, fix.longitude, height)
-        if place == self.place:
-            return self
-        return replace(self, place=place, same_since_ns=valid_ns)
+    def _key(self, message: GnssFix | GnssError | GnssVelocity) -> int:
+        """Return the epoch a message belongs to: the one it names, or the burst it arrived in."""
+        key = epoch_key(message.stamp.epoch_ns, message.time_of_day_s)
+        if key is not None:
+            return key
+        arrived = message.stamp.monotonic_ns
+        last = self.epochs[-1] if self.epochs else None
+        near = last is not None and arrived - last.arrived_ns <= SAME_BURST_NS
+        if near and last is not None and not (isinstance(message, GnssFix) and last.fix is not None):
+            return last.key
+        return -(arrived // 1_000_000) - 1
 
     @property
     def same_for_s(self) -> float:
