@@ -15,7 +15,7 @@ from workgauge.app.site_commands import Epsg, Json
 from workgauge.machine.load import load_machine
 from workgauge.rehearse.result import RunResult
 from workgauge.rehearse.run import Progress, default_drive, drive_at_anything, open_session, run_session
-from workgauge.rehearse.scenario import OnGround, Step
+from workgauge.rehearse.scenario import OnGround, StateChange, Step, TravelStep
 from workgauge.rehearse.scenario_file import load_scenario
 from workgauge.rehearse.session import Session
 from workgauge.report.page import write_report
@@ -66,6 +66,10 @@ def run_command(
     check: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Start-of-shift checks: refuse without a valid one.")
     ] = None,
+    off: Annotated[
+        list[str] | None,
+        typer.Option(metavar="STATE", help="A work state that is off, `Track 2 open to traffic`; may be repeated."),
+    ] = None,
     epsg: Epsg = None,
     as_json: Json = False,
 ) -> None:
@@ -78,6 +82,8 @@ def run_command(
     if site and not scenario:
         refuse_unchecked(load_machine(machine or DEFAULT_MACHINE), check)
         session, steps, words, said = _at_a_place(site, machine, rules, guard, at, epsg)
+        travel: Sequence[TravelStep] = ()
+        states: Sequence[StateChange] = ()
     else:
         place = None if at is None else parse_place(at)
         ground = None if place is None else OnGround(east_m=place[0], north_m=place[1], heading_deg=place[2])
@@ -88,7 +94,15 @@ def run_command(
         session, steps = open_session(loaded), loaded.scenario.drive
         words = loaded.scenario.title, loaded.scenario.description
         said = {"scenario": loaded.file.stem}
-    result = _watched(session, steps, words, said, headless or as_json, speed)
+        travel, states = loaded.scenario.travel, loaded.scenario.states
+    for state in off or ():
+        session.check_state(state)
+    states = (*(StateChange(state=state, on=False) for state in off or ()), *states)
+
+    def run(callback: Callable[[Progress], None] | None) -> RunResult:
+        return run_session(session, steps, *words, said, callback, travel=travel, states=states)
+
+    result = _watched(session, run, headless or as_json, speed)
     page = None if report is None else write_report(result, report)
     if as_json:
         print_json(result.as_json())
@@ -122,17 +136,11 @@ def _at_a_place(
 
 def _watched(
     session: Session,
-    steps: Sequence[Step],
-    words: tuple[str, str],
-    said: dict[str, str],
+    run: Callable[[Callable[[Progress], None] | None], RunResult],
     headless: bool,
     speed: float,
 ) -> RunResult:
     """Run, with the live view or a progress bar where somebody would be watching."""
-
-    def run(callback: Callable[[Progress], None] | None) -> RunResult:
-        return run_session(session, steps, words[0], words[1], said, callback)
-
     screen: Console = stdout()
     if not headless and screen.is_terminal:
         with LiveView(screen, session.machine, getattr(session.guard, "slow_distance_m", None), speed) as view:

@@ -18,7 +18,7 @@ from workgauge.site.alignment import Alignment
 from workgauge.site.model import SiteModel
 
 #: The track is judged anew when the machine has moved by this [m] or turned by this [rad].
-MOVED_M, TURNED = 0.1, math.radians(0.2)
+MOVED_M, TURNED = 0.25, math.radians(0.2)
 
 #: Two tracks branch from each other if they run so close together [m], no farther than this from the machine [m].
 TOGETHER_M, BRANCH_WITHIN_M = 0.3, 250.0
