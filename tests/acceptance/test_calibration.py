@@ -33,6 +33,8 @@ from workgauge.positioning.posture import PostureSolver, Reading
 from workgauge.proximity.protection import Integrity, with_protection
 from workgauge.proximity.scene import Scene
 from workgauge.proximity.uncertainty import MachineUncertainty
+from workgauge.rehearse.scenario import OnTrack
+from workgauge.rehearse.session import Session
 from workgauge.values import transforms as tf
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.clearances import Clearances
@@ -280,3 +282,37 @@ def test_the_share_below_the_bound_is_the_gaussian_tail(name: str) -> None:
 @pytest.mark.parametrize("name", NOISES)
 def test_the_share_below_the_bound_is_the_gaussian_tail_in_twenty_thousand_epochs(name: str) -> None:
     check(NOISES[name], 12, EPOCHS)
+
+
+@functools.cache
+def site() -> Session:
+    """The machine on the curve of the shipped site, beside the adjacent track, under the wire."""
+    return Session("double_track", MACHINE, at=OnTrack(alignment="Track 1", distance_m=573.0))
+
+
+def check_site(noise: Noise, seed: int, epochs: int) -> None:
+    """On the shipped site, with levels as the tick uses them, shares are at most those of the Gaussian tail."""
+    session = site()
+    scene = Scene(MACHINE, session.limits)
+    q = np.radians([-80.0, 20.0, -104.0, -77.0, 0.0, 0.0])
+    run = Epochs(scene, noise, seed, epochs, 4.0, whole=True, q=q, T=session.true_state[1])
+    kinds = {scene.limits[i].kind for i in run.true.limits if i < len(scene.limits)}
+    assert len(run.true) >= 25 and len(kinds) >= 4 and (run.true.other_links >= 0).any()
+    assert (run.seen == epochs).all()
+    for k, below in zip(LEVELS, run.below, strict=True):
+        _, high = interval(epochs, float(norm.sf(k)))
+        wrong = [(run.true[i].link, run.true[i].limit, n) for i, n in enumerate(below) if n / epochs > high]
+        assert not wrong, (k, wrong)
+    # and it is not so by being far too careful: some clearances are nearly calibrated
+    assert run.below[0].max() / epochs > 0.9 * norm.sf(1.0)
+
+
+@pytest.mark.parametrize("name", ["white", "correlated components and antennas"])
+def test_with_edges_parallel_faces_and_bent_chains_the_share_is_only_smaller(name: str) -> None:
+    check_site(NOISES[name], 21, 300)
+
+
+@pytest.mark.prove
+@pytest.mark.parametrize("name", ["white", "correlated components and antennas"])
+def test_the_same_in_twenty_thousand_epochs(name: str) -> None:
+    check_site(NOISES[name], 22, EPOCHS)
