@@ -186,16 +186,35 @@ def test_one_outlier_is_refused_and_forgotten_after_ten() -> None:
     assert judged.until(HealthState.FIXED, fix=True) == 9
 
 
-def test_a_jump_that_lasts_is_taken_as_the_new_place_only_through_a_stop() -> None:
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_jump_that_lasts_stops_and_is_taken_once_the_old_places_time_is_over(moving: bool) -> None:
     judged = working()
     epoch = judged.epoch_ns
-    judged.step(fix=True, innovation=40.0, agreement=NAN)
-    states = [judged.step(fix=True, innovation=40.0, agreement=0.5).state for _ in range(8)]
-    assert set(states) == {HealthState.DEAD_RECKONING} and judged.epoch_ns == epoch
-    assert judged.step(fix=True, innovation=40.0, agreement=0.5).state is HealthState.STOP
-    assert judged.epoch_ns != epoch  # the tenth is the new place
-    assert judged.codes() == {ReasonCode.POSITION_JUMP} and "10 fixes agree" in judged.health.reasons[0].text
-    assert judged.until(HealthState.FIXED, fix=True) == 10
+    at_new = {"innovation": 40.0, "agreement": 0.5, "moving_wheels": moving}
+    judged.step(fix=True, **{**at_new, "agreement": NAN})
+    states = [judged.step(fix=True, **at_new).state for _ in range(8)]
+    assert set(states) == {HealthState.DEAD_RECKONING}
+    assert judged.step(fix=True, **at_new).state is HealthState.STOP
+    assert ReasonCode.POSITION_JUMP in judged.codes() and "one of the two is wrong" in judged.health.reasons[0].text
+    assert judged.epoch_ns == epoch
+    while judged.epoch_ns == epoch:
+        assert judged.step(fix=True, **at_new).state is HealthState.STOP or judged.epoch_ns != epoch
+    bound_ns = (2_000 if moving else 60_000) * MS
+    assert 0 < (judged.tick - 1) * 10 * MS - epoch - bound_ns <= 10 * MS
+    assert judged.health.state.usable  # ten had agreed already, and the machine was stopped all the time
+
+
+def test_a_jump_that_passes_is_never_worked_on() -> None:
+    judged = working()
+    epoch = judged.epoch_ns
+    judged.step(fix=True, innovation=40.0)
+    for k in range(200):  # the pose carried on grows unsure, the jump fits it better and better
+        judged.step(fix=True, innovation=40.0 / (1 + k), agreement=0.1)
+        assert judged.epoch_ns == epoch
+    assert judged.health.state is HealthState.STOP
+    judged.step(fix=True, innovation=0.4, agreement=4.0)
+    assert judged.epoch_ns != epoch
+    assert judged.until(HealthState.FIXED, fix=True) == 9
 
 
 def test_jumps_that_do_not_agree_with_each_other_are_never_taken() -> None:

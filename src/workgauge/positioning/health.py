@@ -7,8 +7,9 @@ Downwards at once, upwards on evidence only:
   `dead_reckoning`, counted from the epoch of the last accepted solution, then `chassis_frozen` if the undercarriage
   is known to stand, then `stop`.
 * A solution that **jumped** is refused. So many in a row that agree with each other instead (`innovation_in_a_row`)
-  are taken as the new place; if the machine was working on the old one, the position stops first, and the operator
-  has to arm again, because one of the two places was wrong.
+  stop the machine: one of the two places is wrong, and nothing here can say which. Solutions that return to the old
+  place are accepted; the new one is, once the old one's time is over (`dead_reckoning_s`, or `chassis_frozen_s` for
+  an undercarriage known to stand). Multipath that passes is so never worked on.
 * What **disagreed** (heading, baseline, antenna order) stays wrong until a comparison agrees. That nothing can be
   compared any more, because the machine stands, is no agreement.
 * **Upwards**: to `float` with an accepted solution; from `stop` and to `fixed` after `innovation_in_a_row` accepted
@@ -17,6 +18,7 @@ Downwards at once, upwards on evidence only:
 """
 
 import math
+import sys
 from dataclasses import replace
 
 from workgauge.machine.positioning import Thresholds
@@ -93,13 +95,26 @@ def _new_solution(
         return False, False, memory
     if refused:
         return False, False, replace(memory, candidates=0)
-    if seen.innovation <= limits.innovation_sigmas:
+    allowed = limits.innovation_sigmas
+    agree = memory.candidates > 0 and seen.agreement <= allowed
+    # A pose carried on grows unsure until any place fits: what is nearer to the jump belongs to the jump.
+    if seen.innovation <= allowed and not (agree and seen.agreement < seen.innovation):
         return True, False, replace(memory, jump_sigmas=0.0, candidates=0)
-    agree = memory.candidates > 0 and seen.agreement <= limits.innovation_sigmas
-    candidates = memory.candidates + 1 if agree else 1
-    if agree and candidates >= limits.innovation_in_a_row:
+    candidates = min(memory.candidates + 1, limits.innovation_in_a_row) if agree else 1
+    if agree and candidates >= limits.innovation_in_a_row and _expired(seen, memory, limits):
         return True, True, replace(memory, jump_sigmas=0.0, candidates=0)
-    return False, False, replace(memory, jump_sigmas=seen.innovation, candidates=candidates)
+    jump = max(seen.innovation, memory.jump_sigmas, sys.float_info.min)
+    return False, False, replace(memory, jump_sigmas=jump, candidates=candidates)
+
+
+def _expired(seen: HealthSeen, memory: HealthMemory, limits: Thresholds) -> bool:
+    """Return whether the place worked on so far has had its time without a solution."""
+    if memory.trusted_ns is None:
+        return True
+    longest = limits.dead_reckoning_s
+    if not memory.moved and _standing(seen, limits):
+        longest = max(longest, limits.chassis_frozen_s)
+    return seen.now_ns - memory.trusted_ns > as_ns(longest)
 
 
 def _trusted(seen: HealthSeen, memory: HealthMemory, accept: bool, limits: Thresholds) -> int | None:

@@ -88,6 +88,12 @@ def stops(
             f"{limits.innovation_in_a_row} fixes agree on it: look where the machine stands, then arm again"
         )
         reasons.append(Reason(ReasonCode.POSITION_JUMP, text))
+    elif memory.jump_sigmas > 0.0 and memory.candidates >= max(2, limits.innovation_in_a_row):
+        text = (
+            f"{memory.candidates} fixes in a row agree on a place {memory.jump_sigmas:.1f} sigma away "
+            f"(limit {limits.innovation_sigmas:g}): one of the two is wrong, look where the machine stands"
+        )
+        reasons.append(Reason(ReasonCode.POSITION_JUMP, text))
     return (*reasons, *_about_position(seen, memory, age_ns, carried, limits))
 
 
