@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,12 @@ from workgauge.geodesy.crs import ProjectedCrs
 from workgauge.geodesy.frame import SiteFrame
 from workgauge.machine.load import load_machine
 from workgauge.rehearse import sensing
-from workgauge.rehearse.sensing import FaultChoice, SensorChoice, Sensors, written_place
+from workgauge.rehearse.scenario_file import load_scenario
+from workgauge.rehearse.sensing import FaultChoice, SensorChoice, Sensors
 from workgauge.sim.sensors.faults import FaultKind
 from workgauge.sim.sensors.kit import SensorKit
 from workgauge.sim.sensors.settings import RATES_HZ, SensorSettings
-from workgauge.values.errors import InputError
+from workgauge.values.errors import InputError, ScenarioError
 from workgauge.values.navigation import FixQuality
 
 SENSORS: TypeAdapter[Any] = TypeAdapter(Sensors)
@@ -33,6 +35,14 @@ def sensors(text: str) -> SensorChoice:
 def fault(text: str):
     (one,) = FAULTS.validate_python([yaml.safe_load(text)])
     return one.fault()
+
+
+def place(error: ValidationError, top: str) -> str:
+    """Return where an error is, without the words by which choices between types are told apart."""
+    loc = [str(part) for part in error.errors()[0]["loc"] if not str(part).startswith("<")]
+    if top == "faults":
+        del loc[1:2]
+    return ".".join([top, *loc])
 
 
 def test_perfect_stays_a_word() -> None:
@@ -112,7 +122,7 @@ def test_every_fault_can_be_written_and_its_units_are_those_of_its_keys() -> Non
 
 
 @pytest.mark.parametrize(
-    ("text", "place", "words"),
+    ("text", "where", "words"),
     [
         ("perfct", "sensors", "neither `perfect` nor a mapping"),
         ("[1]", "sensors", "neither `perfect` nor a mapping"),
@@ -127,16 +137,15 @@ def test_every_fault_can_be_written_and_its_units_are_those_of_its_keys() -> Non
         ("{geoid_separation_m: .nan}", "sensors.geoid_separation_m", "150"),
     ],
 )
-def test_a_wrong_choice_is_named_at_its_place(text: str, place: str, words: str) -> None:
+def test_a_wrong_choice_is_named_at_its_place(text: str, where: str, words: str) -> None:
     with pytest.raises(ValidationError) as caught:
         sensors(text)
-    first = caught.value.errors()[0]
-    assert ".".join(written_place(("sensors", *first["loc"]))) == place
-    assert words in first["msg"]
+    assert place(caught.value, "sensors") == where
+    assert words in caught.value.errors()[0]["msg"]
 
 
 @pytest.mark.parametrize(
-    ("text", "place", "words"),
+    ("text", "where", "words"),
     [
         ("{do: flaot}", "faults.0", "'float', 'differential'"),
         ("{from_s: 1}", "faults.0", "do"),
@@ -151,12 +160,34 @@ def test_a_wrong_choice_is_named_at_its_place(text: str, place: str, words: str)
         ("{do: jump, offset_m: [.nan, 0, 0]}", "faults.0.offset_m.0", "equal to"),
     ],
 )
-def test_a_wrong_fault_is_named_at_its_place(text: str, place: str, words: str) -> None:
+def test_a_wrong_fault_is_named_at_its_place(text: str, where: str, words: str) -> None:
     with pytest.raises(ValidationError) as caught:
         fault(text)
-    first = caught.value.errors()[0]
-    assert ".".join(written_place(("faults", *first["loc"]))) == place
-    assert words in first["msg"]
+    assert place(caught.value, "faults") == where
+    assert words in caught.value.errors()[0]["msg"]
+
+
+@pytest.mark.parametrize(
+    ("written", "line", "element", "message"),
+    [
+        ("sensors:\n  noise: {scl: 1}\n", 2, "sensors.noise.scl", "unknown key"),
+        ("sensors: perfct\n", 1, "sensors", "is neither `perfect` nor a mapping"),
+        ("sensors:\n  receivers:\n    each:\n      a: {hz: 1}\n", 4, "sensors.receivers.each.a.hz", "unknown key"),
+        ("faults:\n  - {do: float}\n  - do: jump\n    ramp_s: -1\n    offset_m: [0, 0, 0]\n", 4,
+         "faults.1.ramp_s", "greater than or equal to 0"),
+    ],
+)  # fmt: skip
+def test_a_scenario_file_says_in_which_line(
+    tmp_path: Path, written: str, line: int, element: str, message: str
+) -> None:
+    file = tmp_path / "bad.yaml"
+    start = (
+        "site: {shipped: double_track}\nmachine: rre20\ntitle: t\nstart: {on_track: {alignment: a, distance_m: 1}}"
+    )
+    file.write_text(f"{written}{start}\ndrive: [{{do: hold, for_s: 1}}]\n", encoding="utf-8")
+    with pytest.raises(ScenarioError, match=message) as caught:
+        load_scenario(file)
+    assert (caught.value.file, caught.value.line, caught.value.element) == (str(file), line, element)
 
 
 def test_the_schema_names_every_fault_and_says_what_keys_are_for() -> None:

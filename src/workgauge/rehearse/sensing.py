@@ -1,7 +1,7 @@
 """What a scenario says about its sensors and what goes wrong with them: `sensors:` and `faults:`."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
@@ -373,15 +373,3 @@ FaultChoice: TypeAlias = Annotated[
     | ClockStep,
     Field(discriminator="do"),
 ]
-
-
-def written_place(parts: Sequence[str | int]) -> list[str]:
-    """Return where in the file an error of pydantic's is, without what only its own choices between types are called.
-
-    Args:
-        parts: the error's `loc`, from the scenario's top on.
-    """
-    place = [str(part) for part in parts if not str(part).startswith("<")]
-    if len(place) > 2 and place[0] == "faults":
-        place.pop(2)  # which of the faults it took it for
-    return place
