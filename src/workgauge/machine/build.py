@@ -18,23 +18,15 @@ from workgauge.machine.description import (
     Pose,
     RevoluteJoint,
 )
+from workgauge.machine.faults import DescriptionError, Place
+from workgauge.machine.located import check_positioning
 from workgauge.machine.model import MachineModel
 from workgauge.machine.pairs import find_self_pairs
 from workgauge.machine.parts import JointGeometry, LinkSolid, Pump, Sensor, Stopping, Stretch, Undercarriage
 from workgauge.machine.urdf import UrdfJoint, urdf_chain
 from workgauge.values.arrays import freeze, frozen
 
-Place = tuple[str | int, ...]
-
 _LITRES_PER_MINUTE = 1e-3 / 60.0
-
-
-class DescriptionError(ValueError):
-    """A description that contradicts itself: `place` is the path of keys and list indices to the offending value."""
-
-    def __init__(self, place: Place, message: str, value: object = None, allowed: str | None = None) -> None:
-        super().__init__(message)
-        self.place, self.message, self.value, self.allowed = place, message, value, allowed
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -96,6 +88,7 @@ def build(name: str, description: MachineDescription, folder: Path, attachment: 
         tool_tolerance_m=mounted.tolerance_m or 0.0,
         chain=chain,
     )
+    check_positioning(machine)
     pairs, skipped = find_self_pairs(machine, _allowed_contacts(description))
     return dataclasses.replace(machine, self_pairs=pairs, skipped_pairs=skipped)
 

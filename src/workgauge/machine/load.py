@@ -9,8 +9,9 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from workgauge.machine.build import DescriptionError, Place, build
+from workgauge.machine.build import build
 from workgauge.machine.description import MachineDescription
+from workgauge.machine.faults import DescriptionError, Place
 from workgauge.machine.model import MachineModel
 from workgauge.values.errors import MachineError
 
