@@ -331,6 +331,21 @@ def test_faults_of_everyone_hit_every_receiver_and_the_moving_base(world: Simple
     assert all(one.quality is FixQuality.FIXED for one in named.of(GnssFix))
 
 
+def test_a_frozen_moving_base_repeats_its_heading_and_a_late_one_comes_late(world: SimpleNamespace) -> None:
+    machine = world.MACHINES["moving base"]()
+    frozen, late = (
+        heard(world, Fault(kind, FROM, UNTIL, receiver="heading", delay_s=0.3), machine=machine).of(GnssHeading)
+        for kind in (FaultKind.FROZEN, FaultKind.LATENCY)
+    )
+    inside = [one for one in frozen if FROM <= one.stamp.monotonic_ns - 20 * MS < UNTIL]
+    assert len(inside) == 10
+    assert len({one.heading for one in inside}) == 1 < len({one.heading for one in frozen})
+    assert len({one.time_of_day_s for one in inside}) == 10
+    assert [one.time_of_day_s for one in late] == [one.time_of_day_s for one in frozen]
+    delays = [one.stamp.monotonic_ns - other.stamp.monotonic_ns for one, other in zip(late, frozen, strict=True)]
+    assert delays[:10] == [0] * 10 and delays[10:20] == [300 * MS] * 10
+
+
 def test_of_several_faults_the_worst_counts(world: SimpleNamespace) -> None:
     float_, single = (Fault(kind, FROM, UNTIL, receiver=LEFT) for kind in (FaultKind.FLOAT, FaultKind.SINGLE))
     for faults in ((float_, single), (single, float_)):
