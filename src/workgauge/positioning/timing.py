@@ -162,7 +162,9 @@ class Heard:
         states_error, place, same_since_ns = self.states_error, self.place, self.same_since_ns
         if isinstance(message, GnssFix):
             here = _place(message)
-            if here is not None and here != place:
+            if math.isnan(message.latitude):
+                same_since_ns = epoch.valid_ns  # no fix is no repeated one
+            elif here is not None and here != place:
                 place, same_since_ns = here, epoch.valid_ns
             epoch = epoch.with_fix(message)
         elif isinstance(message, GnssError):
