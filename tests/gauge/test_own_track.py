@@ -125,7 +125,7 @@ def test_without_hysteresis_noise_would_chatter(switch) -> None:
     state = switch.alignment("Branch").at(d)
     now, seen = OnTracks(), []
     for k in range(20):
-        e, n = state.offset_points(-apart(switch, d) / 2 + (0.06 if k % 2 else -0.06))[0]
+        e, n = state.offset_points(-apart(switch, d) / 2 + (0.15 if k % 2 else -0.15))[0]
         now = follower.follow(now, e, n, float(state.heading[0]))
         seen.append(now.own)
     assert changes(seen) == 19
@@ -139,7 +139,7 @@ def test_off_the_rails_nothing_is_let_off(switch, make) -> None:
     assert follower.follow(on, e + 50.0, n + 0.5, 0.0) == OnTracks(None, frozenset(), e + 50.0, n + 0.5, 0.0)
     away = follower.follow(on, e + 50.0, n + 1.25, math.pi / 2)
     assert away.own == "Main", "left only beyond within_m and the hysteresis"
-    assert follower.follow(away, e + 50.0, n + 1.45, math.pi / 2).own is None
+    assert follower.follow(away, e + 50.0, n + 1.55, math.pi / 2).own is None
 
 
 def test_standing_still_asks_the_site_nothing(switch, make) -> None:

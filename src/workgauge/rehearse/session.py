@@ -32,7 +32,7 @@ from workgauge.rehearse.sensing import FaultChoice, Sensors
 from workgauge.rehearse.start import stand
 from workgauge.rehearse.targets import nearest_point
 from workgauge.rehearse.travelling import Travel, TravelGround, allowed_travel, believed_place
-from workgauge.rehearse.truth import GeometricTruth, Reading, snapshot
+from workgauge.rehearse.truth import GeometricTruth, Reading, refuse_inside, snapshot
 from workgauge.rehearse.ways import RailPlace, way_from
 from workgauge.sim.kinematic import KinematicPlant
 from workgauge.sim.sensors.kit import START_UTC
@@ -145,7 +145,7 @@ class Session:
         self.stand = stand(self.site, self.rules, self.machine, asked)
         position = self.stand.T_absolute_machine[:3, 3]
         self.frame = self.site.frame((float(position[0]), float(position[1]), float(position[2])))
-        self.limit_set: LimitSet = build_limits(self.site, self.rules, self.frame)
+        self.limit_set: LimitSet = build_limits(self.site, self.rules, self.frame, start_utc)
         self.off_states: frozenset[str] = frozenset()
         self.states = frozenset(one.activity.state for one in self.limit_set.limits if one.activity.state is not None)
         self._scene = Scene(self.machine, self.limit_set.limits)
@@ -345,7 +345,15 @@ class Session:
         truth = min(self._readings, key=lambda one: math.inf if one.limit is None else one.limit.distance_m)
         self._now_ns = now + self._tick_ns
         return StepResult(
-            now * 1e-9, trace, outputs.frame, truth, before, known, self._tracks, self._made(travel), tick_ms
+            now * 1e-9,
+            trace,
+            outputs.frame,
+            truth,
+            before,
+            known,
+            self._tracks,
+            travel.made(*self.true_travel),
+            tick_ms,
         )
 
     def _chunks(self, now_ns: int) -> list[Chunk]:
@@ -383,11 +391,6 @@ class Session:
         self._plant.travel(allowed, curvature)
         return Travel(wanted, allowed, curvature=curvature, reasons=reasons)
 
-    def _made(self, travel: Travel) -> Travel:
-        """Return the travel of a tick with what became of it."""
-        speed, travelled = self.true_travel
-        return Travel(travel.wanted_m_s, travel.allowed_m_s, speed, travelled, travel.curvature, travel.reasons)
-
     def _substep(self, now_ns: int, q: Floats, T_site_machine: Floats) -> None:
         """Let the sensors see one substep, and take in its truth."""
         if self._source is not None:
@@ -400,14 +403,4 @@ class Session:
         """Take in the truth at the start; refuse a start inside a limit or with links in each other."""
         self._checked_off = self.off_states
         reading = self.truth.check(0, q, T_site_machine, self.off_states, self._true_tracks.let_off)
-        for found in (reading.limit, reading.own):
-            if found is not None and found.distance_m < 0:
-                own = found.limit.startswith("self:")
-                name = f"its own {found.limit.removeprefix('self:')}" if own else self.limit_name(found.limit)
-                raise ScenarioError(
-                    f"the machine starts inside {name} ({found.limit}): its {found.link} is "
-                    f"{-found.distance_m:.3f} m deep",
-                    element="start",
-                    value=self.stand.words,
-                    allowed="a place and posture outside every limit",
-                )
+        refuse_inside(reading, self.limit_name, self.stand.words)

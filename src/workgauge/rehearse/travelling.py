@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -52,6 +52,10 @@ class Travel:
     travelled_m: float = 0.0
     curvature: float = 0.0
     reasons: tuple[Reason, ...] = field(default=())
+
+    def made(self, speed_m_s: float, travelled_m: float) -> "Travel":
+        """Return the same with what became of it."""
+        return replace(self, speed_m_s=speed_m_s, travelled_m=travelled_m)
 
 
 def allowed_travel(

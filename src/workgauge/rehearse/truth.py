@@ -1,6 +1,6 @@
 """Geometric truth: the real clearance of the real posture at every substep, whatever the program believes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ from workgauge.proximity.scene import Scene
 from workgauge.rehearse.result import Entry, Snapshot
 from workgauge.values.arrays import Floats
 from workgauge.values.clearances import Clearance, Clearances
+from workgauge.values.errors import ScenarioError
 from workgauge.values.limits import Limit
 
 
@@ -157,6 +158,28 @@ def _reading(now_ns: int, found: Clearances) -> tuple[Reading, dict[str, Clearan
         return found[int(rows[np.argmin(found.distances[rows])])] if len(rows) else None
 
     return Reading(now_ns * 1e-9, least(outer), least(own), by_limit, found), inside
+
+
+def refuse_inside(reading: Reading, name_of: Callable[[str], str], words: str) -> None:
+    """Refuse a start inside a limit or with links in each other.
+
+    Args:
+        reading: the truth at the start. name_of: what people call a limit. words: where the machine stands.
+
+    Raises:
+        ScenarioError: if it is one.
+    """
+    for found in (reading.limit, reading.own):
+        if found is not None and found.distance_m < 0:
+            own = found.limit.startswith("self:")
+            name = f"its own {found.limit.removeprefix('self:')}" if own else name_of(found.limit)
+            raise ScenarioError(
+                f"the machine starts inside {name} ({found.limit}): its {found.link} is "
+                f"{-found.distance_m:.3f} m deep",
+                element="start",
+                value=words,
+                allowed="a place and posture outside every limit",
+            )
 
 
 def snapshot(machine: MachineModel, reading: Reading, q: Floats, T_site_machine: Floats) -> Snapshot:
