@@ -385,6 +385,10 @@ def test_what_a_kit_needs(world: SimpleNamespace) -> None:
         world.kit_of(machine, SensorSettings(each={"third": ReceiverSettings()}))
     with pytest.raises(MachineError, match="no such sensor"):
         world.kit_of(replace(machine, sensors=machine.sensors[1:]))
+    odd = machine.positioning.receivers[0].model_copy(update={"talker": "PTNL"})
+    section = machine.positioning.model_copy(update={"receivers": (odd,)})
+    with pytest.raises(MachineError, match="talker"):
+        world.kit_of(replace(machine, positioning=section))
     kit = world.kit_of(machine)
     kit.advance(10 * MS, machine.home, np.eye(4))
     with pytest.raises(ValueError, match="forwards"):

@@ -1,6 +1,7 @@
 """All of a machine's simulated receivers: where their antennas truly are, and what they make of it."""
 
 import math
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,12 +13,13 @@ from workgauge.machine.model import MachineModel
 from workgauge.machine.positioning import PositioningSpec, ReceiverSpec
 from workgauge.sim.sensors.faults import HEADING, Fault, FaultKind, Identity, one
 from workgauge.sim.sensors.heading import MovingBase
-from workgauge.sim.sensors.line import Line, Outbox
+from workgauge.sim.sensors.line import Wiring
 from workgauge.sim.sensors.motion import Motion
 from workgauge.sim.sensors.randomness import GaussMarkov, generator
 from workgauge.sim.sensors.receiver import TALKER, Receiver
 from workgauge.sim.sensors.settings import Protocol, ReceiverSettings, SensorSettings
 from workgauge.values.arrays import Floats, Ints
+from workgauge.values.errors import MachineError
 
 #: Geoid separation where neither machine nor scenario says one [m]: that of southern Finland.
 SEPARATION_M = 17.0
@@ -35,10 +37,11 @@ class GnssBank:
     Args:
         machine: its kinematics and sensors. positioning: its section. settings: how they behave.
         crs, frame: of the site, whose coordinates are the truth's.
-        seed, origin_ns, machine_id, outbox: see `SensorKit`.
+        wiring: shared with all sensors.
 
     Raises:
         GeodesyError: for a geoid grid that cannot be used.
+        MachineError: for a talker that no simulated receiver has.
     """
 
     def __init__(
@@ -48,11 +51,7 @@ class GnssBank:
         settings: SensorSettings,
         crs: ProjectedCrs,
         frame: SiteFrame,
-        *,
-        seed: int,
-        origin_ns: int,
-        machine_id: str,
-        outbox: Outbox,
+        wiring: Wiring,
     ) -> None:
         self._machine = machine
         self._crs = crs
@@ -60,57 +59,30 @@ class GnssBank:
         self._sensors = {sensor.name: sensor for sensor in machine.sensors}
         self._heights = _true_heights(positioning, settings)
         common_s = settings.receivers.noise.correlation_s
-        self._common = GaussMarkov(generator(seed, "common"), common_s, origin_ns)
-        self._partner = {
-            positioning.heading.master: positioning.heading.rover,
-            positioning.heading.rover: positioning.heading.master,
-        }
-
-        def receiver(spec: ReceiverSpec, chosen: ReceiverSettings, talker: str | None, group: str) -> Receiver:
-            line = Line(
-                Identity(spec.name, group, spec.port), settings.faults, spec.latency_s, chosen.jitter_s, seed, outbox
-            )
-            protocol: Protocol = "ubx" if talker == UBX else chosen.protocol if talker is None else "nmea"
-            return Receiver(
-                spec,
-                chosen,
-                line,
-                seed=seed,
-                origin_ns=origin_ns,
-                machine_id=machine_id,
-                protocol=protocol,
-                talker=talker or TALKER,
-            )
-
+        self._common = GaussMarkov(generator(wiring.seed, "common"), common_s, wiring.origin_ns)
+        head = positioning.heading
+        self._partner = {head.master: head.rover, head.rover: head.master}
         self.receivers: list[Receiver] = []
         self._foreign: dict[str, list[tuple[Fault, Receiver]]] = {}
         self._moved: dict[str, list[Fault]] = {}
         for spec in positioning.receivers:
-            chosen = settings.each.get(spec.name, settings.receivers)
-            mine = receiver(spec, chosen, spec.talker, "receiver")
-            self.receivers.append(mine)
-            for i, fault in enumerate(mine.line.faults.all):
-                if fault.kind is FaultKind.FOREIGN_RECEIVER:
-                    named = spec.model_copy(update={"name": f"{spec.name} foreign {i}"})
-                    self._foreign.setdefault(spec.name, []).append(
-                        (fault, receiver(named, chosen, fault.talker, "foreign"))
-                    )
-                elif fault.kind is FaultKind.ANTENNA_MOVED:
-                    self._moved.setdefault(spec.antenna, []).append(fault)
+            self._add(spec, settings.each.get(spec.name, settings.receivers), wiring)
         self.heading: MovingBase | None = None
-        if positioning.heading.kind == "moving_base":
-            head = positioning.heading
-            line = Line(
-                Identity(HEADING, "heading", head.port),
-                settings.faults,
-                head.latency_s,
-                settings.heading.jitter_s,
-                seed,
-                outbox,
-            )
-            self.heading = MovingBase(
-                head, settings.heading, line, seed=seed, origin_ns=origin_ns, machine_id=machine_id
-            )
+        if head.kind == "moving_base":
+            line = wiring.line(Identity(HEADING, "heading", head.port), head.latency_s, settings.heading.jitter_s)
+            self.heading = MovingBase(head, settings.heading, line, wiring)
+
+    def _add(self, spec: ReceiverSpec, chosen: ReceiverSettings, wiring: Wiring) -> None:
+        """Add a receiver, and those that disturb it."""
+        mine = _receiver(spec, chosen, wiring, "receiver")
+        self.receivers.append(mine)
+        for i, fault in enumerate(mine.line.faults.all):
+            if fault.kind is FaultKind.FOREIGN_RECEIVER:
+                named = {"name": f"{spec.name} foreign {i}", "talker": fault.talker}
+                other = _receiver(spec.model_copy(update=named), chosen, wiring, "foreign")
+                self._foreign.setdefault(spec.name, []).append((fault, other))
+            elif fault.kind is FaultKind.ANTENNA_MOVED:
+                self._moved.setdefault(spec.antenna, []).append(fault)
 
     def measure(self, due: Sequence[Receiver], motion: Motion, utc_ns: int) -> None:
         """Let receivers whose epoch this is measure and send."""
@@ -157,6 +129,21 @@ class GnssBank:
             links.append(sensor.link)
             points.append(point)
         return np.array(links, dtype=np.int64), np.array(points)
+
+
+def _receiver(spec: ReceiverSpec, chosen: ReceiverSettings, wiring: Wiring, group: str) -> Receiver:
+    """Return a receiver that writes what its talker says: UBX, NMEA, or as chosen if the file has none."""
+    talker = spec.talker
+    if talker not in (None, UBX) and re.fullmatch("[A-Z]{2}", talker or "") is None:
+        raise MachineError(
+            "no simulated receiver has this talker",
+            element=f"positioning: receiver {spec.name!r}",
+            value=talker,
+            allowed=f"two capital letters, {UBX}, or none",
+        )
+    protocol: Protocol = "ubx" if talker == UBX else chosen.protocol if talker is None else "nmea"
+    line = wiring.line(Identity(spec.name, group, spec.port), spec.latency_s, chosen.jitter_s)
+    return Receiver(spec, chosen, line, wiring, protocol=protocol, talker=talker or TALKER)
 
 
 def to_true_north(velocity: Floats, convergence: float) -> Floats:

@@ -6,7 +6,7 @@ import numpy as np
 
 from workgauge.machine.positioning import HeadingSpec
 from workgauge.sim.sensors.faults import Fault, FaultKind, lowered, one
-from workgauge.sim.sensors.line import Line
+from workgauge.sim.sensors.line import Line, Wiring
 from workgauge.sim.sensors.randomness import GaussMarkov, White, generator
 from workgauge.sim.sensors.receiver import DAY_NS, TALKER
 from workgauge.sim.sensors.settings import HeadingSettings
@@ -28,7 +28,7 @@ class MovingBase:
 
     Args:
         spec: of the machine's file. settings: how it behaves. line: where its bytes go.
-        seed: of all sensors. origin_ns: no epoch is earlier. machine_id: whose it is.
+        wiring: shared with all sensors.
     """
 
     def __init__(
@@ -36,18 +36,15 @@ class MovingBase:
         spec: HeadingSpec,
         settings: HeadingSettings,
         line: Line,
-        *,
-        seed: int,
-        origin_ns: int,
-        machine_id: str,
+        wiring: Wiring,
     ) -> None:
         self.spec = spec
         self.settings = settings
         self.line = line
-        self._machine_id = machine_id
+        self._machine_id = wiring.machine_id
         self._sigma = math.radians(spec.sigma_deg)
-        self._white = White(generator(seed, "heading", "white"), 3)
-        self._slow = GaussMarkov(generator(seed, "heading", "slow"), settings.correlation_s, origin_ns)
+        self._white = White(generator(wiring.seed, "heading", "white"), 3)
+        self._slow = GaussMarkov(generator(wiring.seed, "heading", "slow"), settings.correlation_s, wiring.origin_ns)
         self._last: tuple[float, float, float, FixQuality] | None = None
 
     def send(self, t_ns: int, utc_ns: int, baseline: Floats, convergence: float, active: tuple[Fault, ...]) -> None:

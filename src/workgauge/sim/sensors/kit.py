@@ -12,7 +12,7 @@ from workgauge.machine.model import MachineModel
 from workgauge.machine.positioning import PositioningSpec
 from workgauge.sim.sensors.faults import Identity, check_targets
 from workgauge.sim.sensors.gnss import GnssBank
-from workgauge.sim.sensors.line import Outbox
+from workgauge.sim.sensors.line import Outbox, Wiring
 from workgauge.sim.sensors.linkbank import LinkBank
 from workgauge.sim.sensors.motion import Motion, TrueState, motion_at
 from workgauge.sim.sensors.settings import RATES_HZ, SensorSettings
@@ -75,26 +75,9 @@ class SensorKit:
         self._start_ns = start_ns
         self._utc_start_ns = (start_utc - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1) * 1000
         self._outbox = Outbox()
-        self._gnss = GnssBank(
-            machine,
-            positioning,
-            settings,
-            crs,
-            frame,
-            seed=seed,
-            origin_ns=start_ns,
-            machine_id=machine_id,
-            outbox=self._outbox,
-        )
-        self._links = LinkBank(
-            machine,
-            positioning,
-            settings.links,
-            settings.faults,
-            seed=seed,
-            machine_id=machine_id,
-            outbox=self._outbox,
-        )
+        wiring = Wiring(machine_id, seed, start_ns, settings.faults, self._outbox)
+        self._gnss = GnssBank(machine, positioning, settings, crs, frame, wiring)
+        self._links = LinkBank(machine, positioning, settings.links, wiring)
         check_targets(settings.faults, self._identities())
         self._rounds = self._schedule(settings)
         self._state: TrueState | None = None

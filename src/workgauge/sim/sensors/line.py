@@ -1,6 +1,7 @@
 """The wire between a sensor and the program: silence, repeated bytes, bit errors, and bytes that take their time."""
 
 import heapq
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -85,6 +86,26 @@ class Line:
         self._last_due_ns = max(t_ns + delay_ns, self._last_due_ns)
         if data:
             self._outbox.put(self.identity.port, self._last_due_ns, data)
+
+
+@dataclass(frozen=True, slots=True)
+class Wiring:
+    """What all sensors of a kit share.
+
+    Attributes:
+        machine_id: in their frames. seed: of all random numbers. origin_ns: no epoch is earlier.
+        faults: of the scenario. outbox: where bytes wait.
+    """
+
+    machine_id: str
+    seed: int
+    origin_ns: int
+    faults: tuple[Fault, ...]
+    outbox: Outbox
+
+    def line(self, identity: Identity, latency_s: float, jitter_s: float) -> Line:
+        """Return the line of a sensor."""
+        return Line(identity, self.faults, latency_s, jitter_s, self.seed, self.outbox)
 
 
 def corrupted(data: bytes, flipped: float, dropped: float, source: np.random.Generator) -> bytes:

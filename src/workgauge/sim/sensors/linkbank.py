@@ -7,8 +7,8 @@ import numpy as np
 from workgauge.machine.model import MachineModel
 from workgauge.machine.positioning import JointSensorSpec, PositioningSpec
 from workgauge.sim.sensors.encoders import sensor_value
-from workgauge.sim.sensors.faults import Fault, Identity
-from workgauge.sim.sensors.line import Line, Outbox
+from workgauge.sim.sensors.faults import Identity
+from workgauge.sim.sensors.line import Line, Wiring
 from workgauge.sim.sensors.links import (
     Encoder,
     Gyro,
@@ -33,7 +33,7 @@ class LinkBank:
 
     Args:
         machine: its kinematics and sensors. positioning: its section. settings: how they behave.
-        faults: of the scenario. seed, machine_id, outbox: see `SensorKit`.
+        wiring: shared with all sensors.
     """
 
     def __init__(
@@ -41,20 +41,13 @@ class LinkBank:
         machine: MachineModel,
         positioning: PositioningSpec,
         settings: LinkSettings,
-        faults: tuple[Fault, ...],
-        *,
-        seed: int,
-        machine_id: str,
-        outbox: Outbox,
+        wiring: Wiring,
     ) -> None:
         self._machine = machine
         self._sensors = {sensor.name: sensor for sensor in machine.sensors}
         self._scale = settings.scale
         self._jitter_s = settings.jitter_s
-        self._faults = faults
-        self._seed = seed
-        self._machine_id = machine_id
-        self._outbox = outbox
+        self._wiring = wiring
         tilt = positioning.tilt
         self._tilts: dict[str, Inclinometer] = {}
         self._add_tilt(tilt.sensor, tilt.port, tilt.latency_s, math.radians(tilt.sigma_deg), _PITCH_AXIS)
@@ -70,9 +63,7 @@ class LinkBank:
                     like = self._tilts.get(sensor.name)
                     port = tilt.port if like is None else like.line.identity.port
                     line = self._line(sensor.name, port, tilt.latency_s, "gyro")
-                    gyros.append(
-                        Gyro(sensor, line, settings.gyro_rad_s * self._scale, seed=seed, machine_id=machine_id)
-                    )
+                    gyros.append(Gyro(sensor, line, settings.gyro_rad_s * self._scale, wiring))
         self.sensors: tuple[LinkSensor, ...] = (
             *self._tilts.values(),
             *(encoder for encoder in encoders if encoder is not None),
@@ -104,12 +95,11 @@ class LinkBank:
             sensor,
             self._line(sensor.name, spec.port, spec.latency_s, "sensor"),
             sigmas[0] * self._scale,
+            self._wiring,
             j,
             sensor_value(spec, prismatic),
             joint_sigma=sigmas[1] * self._scale,
             round_=bool(self._machine.continuous[j]) and spec.kind == "encoder",
-            seed=self._seed,
-            machine_id=self._machine_id,
         )
 
     def _add_tilt(self, name: str, port: str, latency_s: float, sigma: float, axis: Floats) -> None:
@@ -119,11 +109,10 @@ class LinkBank:
             self._sensors[name],
             self._line(name, port, latency_s, "sensor"),
             sigma * self._scale,
+            self._wiring,
             axis,
-            seed=self._seed,
-            machine_id=self._machine_id,
         )
 
     def _line(self, name: str, port: str, latency_s: float, what: str) -> Line:
         identity = Identity(name, "sensor", port, what)
-        return Line(identity, self._faults, latency_s, self._jitter_s, self._seed, self._outbox)
+        return self._wiring.line(identity, latency_s, self._jitter_s)

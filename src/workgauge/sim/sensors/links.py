@@ -8,7 +8,7 @@ from dataclasses import replace
 from workgauge.machine.model import MachineModel
 from workgauge.machine.parts import Sensor
 from workgauge.sim.sensors.faults import FaultKind, one
-from workgauge.sim.sensors.line import Line
+from workgauge.sim.sensors.line import Line, Wiring
 from workgauge.sim.sensors.motion import Motion, rotation
 from workgauge.sim.sensors.randomness import White, generator
 from workgauge.values.arrays import Floats, frozen
@@ -22,15 +22,15 @@ class LinkSensor(ABC):
 
     Args:
         sensor: where it sits. line: where its frames go. sigma: 1-sigma of its error [rad, m, rad/s].
-        seed: of all sensors. machine_id: whose it is.
+        wiring: shared with all sensors.
     """
 
-    def __init__(self, sensor: Sensor, line: Line, sigma: float, *, seed: int, machine_id: str) -> None:
+    def __init__(self, sensor: Sensor, line: Line, sigma: float, wiring: Wiring) -> None:
         self.sensor = sensor
         self.line = line
         self.sigma = sigma
-        self._white = White(generator(seed, line.identity.group, sensor.name, type(self).__name__), 3)
-        self._machine_id = machine_id
+        self._white = White(generator(wiring.seed, line.identity.group, sensor.name, type(self).__name__), 3)
+        self._machine_id = wiring.machine_id
         self._sequence = 0
         self._last: LinkMeasurement | None = None
 
@@ -65,8 +65,8 @@ class Inclinometer(LinkSensor):
         axis: (3,) of the joint whose angle depends on it, in the sensor's frame.
     """
 
-    def __init__(self, sensor: Sensor, line: Line, sigma: float, axis: Floats, *, seed: int, machine_id: str) -> None:
-        super().__init__(sensor, line, sigma, seed=seed, machine_id=machine_id)
+    def __init__(self, sensor: Sensor, line: Line, sigma: float, wiring: Wiring, axis: Floats) -> None:
+        super().__init__(sensor, line, sigma, wiring)
         self._axis = frozen(axis, (3,))
 
     def measure(self, motion: Motion, stamp: Stamp, error: Floats, jump: float) -> Inclination:
@@ -92,15 +92,14 @@ class Encoder(LinkSensor):
         sensor: Sensor,
         line: Line,
         sigma: float,
+        wiring: Wiring,
         joint: int,
         raw: Callable[[float], float],
         *,
         joint_sigma: float,
         round_: bool,
-        seed: int,
-        machine_id: str,
     ) -> None:
-        super().__init__(sensor, line, 1.0, seed=seed, machine_id=machine_id)
+        super().__init__(sensor, line, 1.0, wiring)
         self._sigmas = (sigma, joint_sigma)
         self._joint = joint
         self._raw = raw

@@ -8,7 +8,7 @@ import numpy as np
 
 from workgauge.machine.positioning import FixSigmas, ReceiverSpec
 from workgauge.sim.sensors.faults import Fault, FaultKind, lowered, one
-from workgauge.sim.sensors.line import Line
+from workgauge.sim.sensors.line import Line, Wiring
 from workgauge.sim.sensors.randomness import GaussMarkov, White, generator
 from workgauge.sim.sensors.settings import Protocol, ReceiverSettings
 from workgauge.values.arrays import Floats, frozen
@@ -67,7 +67,7 @@ class Receiver:
 
     Args:
         spec: of the machine's file. settings: how it behaves.
-        line: where its bytes go. seed: of all sensors. origin_ns: no epoch is earlier. machine_id: whose it is.
+        line: where its bytes go. wiring: shared with all sensors.
         protocol, talker: what it writes.
     """
 
@@ -76,25 +76,23 @@ class Receiver:
         spec: ReceiverSpec,
         settings: ReceiverSettings,
         line: Line,
+        wiring: Wiring,
         *,
-        seed: int,
-        origin_ns: int,
-        machine_id: str,
         protocol: Protocol,
         talker: str,
     ) -> None:
         self.spec = spec
         self.settings = settings
         self.line = line
-        self._machine_id = machine_id
+        self._machine_id = wiring.machine_id
         self._protocol = protocol
         self._talker = talker
-        name = line.identity.name
+        name, seed = line.identity.name, wiring.seed
         noise = settings.noise
         self._sigmas = {**sigmas_of(spec.sigmas), **noise.sigmas_m}
         self._white = White(generator(seed, "receiver", name, "white"), 3)
         self._velocity = White(generator(seed, "receiver", name, "velocity"), 3)
-        self._own = GaussMarkov(generator(seed, "receiver", name, "own"), noise.correlation_s, origin_ns)
+        self._own = GaussMarkov(generator(seed, "receiver", name, "own"), noise.correlation_s, wiring.origin_ns)
         self._last: Solution | None = None
 
     def quality(self, active: tuple[Fault, ...]) -> FixQuality:
