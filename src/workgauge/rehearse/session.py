@@ -185,8 +185,8 @@ class Session:
         self._memory = first_memory(self._config)
         self._now_ns = 0
         self._tick_ns = round(self.tick_s * 1e9)
-        self._senses = senses(self, sensors, faults, source)
-        self._navigator, self._source = self._senses.navigator, self._senses.source
+        self.senses: Senses = senses(self, sensors, faults, source)
+        self._navigator, self._source = self.senses.navigator, self.senses.source
         self._known = Known()
         self._readings: list[Reading] = []
         self._wanted_travel = 0.0, 0.0
@@ -235,11 +235,6 @@ class Session:
         """The true tool centre point (3,) in the site's local frame [m]."""
         q, T = self.true_state
         return np.asarray((T @ self.machine.tool_pose(self.machine.forward(q)))[:3, 3], dtype=np.float64)
-
-    @property
-    def senses(self) -> Senses:
-        """What the machine measures with, in words."""
-        return self._senses
 
     @property
     def tallies(self) -> Mapping[str, Tally]:
