@@ -208,7 +208,7 @@ def test_the_worst_that_can_be_written_still_runs(protocol: str) -> None:
     chosen = sensors(
         "{noise: {single_m: [1000, 1000], fixed_m: [1000, 1000], scale: 100, velocity_m_s: 100, gyro_deg_s: 100}, "
         f"receivers: {{protocol: {protocol}, stated: 100, correction_age_s: 1.0e+6, satellites: 99, "
-        "sentences: [RMC, GGA, GST, VTG, GLL, 'PTNL,GGK'], messages: [NAV-PVT, NAV-HPPOSLLH, NAV-COV]}, "
+        "sentences: [RMC, GGA, GST, VTG, GLL, ZDA, 'PTNL,GGK'], messages: [NAV-PVT, NAV-HPPOSLLH, NAV-COV]}, "
         "geoid_separation_m: -150}"
     )
     faults = [

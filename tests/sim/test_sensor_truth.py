@@ -25,7 +25,7 @@ from workgauge.values.navigation import (
 
 MS = 1_000_000
 MACHINES = ("rre20", "moving base", "brokk5", "sun-a")
-SENTENCES = ("RMC", "GGA", "GST", "VTG", "GLL", "PTNL,GGK")
+SENTENCES = ("RMC", "GGA", "GST", "VTG", "GLL", "PTNL,GGK", "ZDA")
 MESSAGES = ("NAV-PVT", "NAV-HPPOSLLH", "NAV-COV")
 
 #: Half the last digit of a position [degree] and a height [m], by message; NMEA writes minutes with 8 decimals.

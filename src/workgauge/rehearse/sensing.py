@@ -30,7 +30,7 @@ Rate: TypeAlias = Literal[1, 2, 4, 5, 10, 20, 25, 50]
 LinkRate: TypeAlias = Literal[1, 2, 4, 5, 10, 20, 25, 50, 100]
 ProtocolName: TypeAlias = Literal["nmea", "ubx", "both"]
 QualityName: TypeAlias = Literal["fixed", "float", "differential", "single"]
-FixSentence: TypeAlias = Literal["GGA", "GLL", "RMC", "VTG", "GST", "PTNL,GGK"]
+FixSentence: TypeAlias = Literal["GGA", "GLL", "RMC", "VTG", "GST", "ZDA", "PTNL,GGK"]
 FixMessage: TypeAlias = Literal["NAV-PVT", "NAV-HPPOSLLH", "NAV-COV"]
 HeadingSentence: TypeAlias = Literal["HDT", "THS", "PTNL,AVR"]
 

@@ -12,12 +12,6 @@ Protocol = Literal["nmea", "ubx", "both"]
 #: Rates whose periods are whole hundredths of a second, as NMEA writes its time [Hz].
 RATES_HZ = (1, 2, 4, 5, 10, 20, 25, 50, 100)
 
-#: Sentences that say something of a position.
-FIX_SENTENCES = ("GGA", "GLL", "RMC", "VTG", "GST", "ZDA", "PTNL,GGK")
-FIX_MESSAGES = ("NAV-PVT", "NAV-HPPOSLLH", "NAV-COV")
-HEADING_SENTENCES = ("HDT", "THS", "PTNL,AVR")
-HEADING_MESSAGES = ("NAV-RELPOSNED",)
-
 
 @dataclass(frozen=True, slots=True)
 class FixNoise:
