@@ -10,8 +10,9 @@ Downwards at once, upwards on evidence only:
   stop the machine: one of the two places is wrong, and nothing here can say which. Solutions that return to the old
   place are accepted; the new one is, once the old one's time is over (`dead_reckoning_s`, or `chassis_frozen_s` for
   an undercarriage known to stand). Multipath that passes is so never worked on.
-* What **disagreed** (heading, baseline, antenna order) stays wrong until a comparison agrees. That nothing can be
-  compared any more, because the machine stands, is no agreement.
+* A **heading** that disagrees stops: where antennas sit on the cab, it may be the swing angle that is wrong, and the
+  arm works on that. What disagreed (heading, baseline, antenna order) stays wrong until a comparison agrees; that
+  nothing can be compared any more, because the machine stands, is no agreement. A new start forgets it.
 * **Upwards**: to `float` with an accepted solution; from `stop` and to `fixed` after `innovation_in_a_row` accepted
   in a row with nothing wrong between them. `stop` is left without being asked; the gate opens again only by its own
   rule: the enable switch let go, and pressed with neutral levers.
@@ -45,7 +46,7 @@ def judge(
         seen = replace(seen, quality=memory.quality)
     noted = _compared(seen, memory, thresholds)
     about = refusals(seen, noted, thresholds)
-    refused = bool(about) or noted.swapped
+    refused = bool(about) or noted.swapped or noted.heading_wrong != 0.0
     accept, relocated, noted = _new_solution(seen, noted, refused, thresholds)
     trusted_ns = _trusted(seen, memory, accept, thresholds)
     age_ns = None if trusted_ns is None else seen.now_ns - trusted_ns

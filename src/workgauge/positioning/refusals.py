@@ -25,7 +25,10 @@ def frozen_limit_s(seen: HealthSeen, limits: Thresholds) -> float:
 
 
 def refusals(seen: HealthSeen, memory: HealthMemory, limits: Thresholds) -> tuple[Reason, ...]:
-    """Return why no solution may be accepted now, apart from a jump; `memory` holds this tick's comparisons."""
+    """Return why no solution may be accepted now, apart from a jump and a wrong heading, which stops.
+
+    `memory` holds this tick's comparisons.
+    """
     reasons = []
     if seen.new and seen.quality not in BELIEVED:
         name = seen.quality.name.lower().replace("_", " ")
@@ -45,12 +48,6 @@ def refusals(seen: HealthSeen, memory: HealthMemory, limits: Thresholds) -> tupl
         text = (
             f"antennas are {1e3 * memory.baseline_wrong:+.0f} mm from their known distance "
             f"(limit {1e3 * limits.baseline_m:g} mm)"
-        )
-        reasons.append(Reason(ReasonCode.HEADING_DISAGREES, text))
-    if memory.heading_wrong != 0.0:
-        text = (
-            f"heading is {math.degrees(memory.heading_wrong):+.1f}° off the other heading "
-            f"(limit {limits.heading_deg:g}°)"
         )
         reasons.append(Reason(ReasonCode.HEADING_DISAGREES, text))
     return tuple(reasons)
@@ -80,6 +77,12 @@ def stops(
         text = (
             f"antennas are exchanged: heading {abs(math.degrees(memory.heading_wrong or math.pi)):.0f}° off "
             f"(limit {limits.heading_deg:g}°): change the cables over"
+        )
+        reasons.append(Reason(ReasonCode.HEADING_DISAGREES, text))
+    elif memory.heading_wrong != 0.0:
+        text = (
+            f"heading is {math.degrees(memory.heading_wrong):+.1f}° off the other heading "
+            f"(limit {limits.heading_deg:g}°): a heading or the swing angle is wrong"
         )
         reasons.append(Reason(ReasonCode.HEADING_DISAGREES, text))
     if relocated:
