@@ -203,9 +203,9 @@ class EpochSolver:
         beside = rails is not None and rails.lateral_sigmas > limits.innovation_sigmas
         used = free if rails is None or beside else rails.pose
         difference, sigma = math.nan, math.nan
-        if rails is not None and math.isfinite(known.yaw):
-            facing = rails.pose.T_site_machine
-            difference = math.remainder(math.atan2(facing[1, 0], facing[0, 0]) - yaw, 2.0 * math.pi)
+        if rails is not None and self.track is not None and not beside and math.isfinite(known.yaw):
+            facing = self.track.yaw(rails.distance) + (0.0 if rails.forward else math.pi)
+            difference = math.remainder(facing - yaw, 2.0 * math.pi)
             sigma = math.hypot(yaw_sigma, math.sqrt(float(rails.pose.covariance[5, 5])))
         elif self.two and given.heading is not None and math.isfinite(given.heading.heading.heading):
             measured = antennas[1].position - antennas[0].position
