@@ -7,6 +7,7 @@ from pathlib import Path
 
 from workgauge.rehearse.result import RunResult
 from workgauge.report.figures import clearance_figure, scale_figure, speed_figure
+from workgauge.report.position_figures import position_section
 from workgauge.report.verdict import details, headline, metres
 from workgauge.report.views import plan_view, side_view
 from workgauge.report.writing import write_files
@@ -132,6 +133,7 @@ def render(result: RunResult) -> str:
 proportion; at p_l it is refused. Moving away is never slowed.</p>
 {clearance_figure(result)}
 </section>
+{position_section(result)}
 <section>
 <h2>Joint speeds</h2>
 <p>What the guard let through; thin dashed lines are what the levers asked for.</p>
