@@ -31,6 +31,7 @@ from workgauge.sim.sensors.settings import FixNoise, LinkSettings, ReceiverSetti
 from workgauge.site.read import read_site
 from workgauge.values.errors import InputError
 from workgauge.values.health import HealthState
+from workgauge.values.measurements import Levers
 
 #: Where on Track 1 the log begins, how fast the machine goes, and for how long.
 START_M, SPEED_M_S, SECONDS = 540.0, 1.0, 6.0
@@ -101,6 +102,23 @@ def test_the_undercarriage_goes_where_the_log_goes(logs, site, machine, rails):
     T = session.true_state[1]
     yaw = math.atan2(T[1, 0], T[0, 0])
     assert abs(math.remainder(yaw - rails.yaw(START_M + SPEED_M_S * SECONDS), 2 * math.pi)) < math.radians(0.2)
+
+
+def test_simulated_joints_do_not_move_the_antennas(logs, site, machine):
+    """The cab swings under antennas that stay where they were: the position must not notice."""
+    session = GnssSession(open_receivers(logs, machine), site, machine, rules="finland")
+    while not session.ready and not session.finished:
+        session.step(session.intent(enable=False))
+    session.step(session.intent())
+    swung = machine.joint_names.index("swing")
+    before = session.true_state[0][swung]
+    states = set()
+    while not session.finished:
+        done = session.step(session.intent(levers=Levers(left_x=-0.6)))
+        states.add(done.known.health.state)
+        assert done.known.posture.q[swung] == done.trace.q[swung]
+    assert abs(session.true_state[0][swung] - before) > 0.2
+    assert states == {HealthState.FIXED}
 
 
 def test_the_run_says_what_it_stands_on(logs, machine):

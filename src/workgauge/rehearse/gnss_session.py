@@ -1,5 +1,6 @@
 """A session whose undercarriage stands where real receivers say, the rest of the machine simulated."""
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -7,24 +8,28 @@ from workgauge.geodesy.crs import ProjectedCrs
 from workgauge.geodesy.frame import SiteFrame
 from workgauge.machine.model import MachineModel
 from workgauge.rehearse.located_log import machine_id_of, positioning_of
+from workgauge.rehearse.navigation import Known, Navigator
 from workgauge.rehearse.receivers import Receivers, near_of
-from workgauge.rehearse.senses import Senses
 from workgauge.rehearse.session import Session, StepResult
 from workgauge.rehearse.standing import receiver_ports
 from workgauge.sim.sensors.kit import SensorKit
 from workgauge.sim.sensors.settings import HeadingSettings, LinkSettings, ReceiverSettings, SensorSettings
+from workgauge.site.alignment import Alignment
 from workgauge.site.model import SiteModel
-from workgauge.values.arrays import Floats
+from workgauge.values.arrays import Floats, frozen
 from workgauge.values.errors import GeodesyError, ScenarioError
 from workgauge.values.measurements import Intent
 from workgauge.values.ports import Chunk
+from workgauge.wire.stream import Tally
 
 #: A run on receivers ends after this long [s], shorter than any drive may last.
 LONGEST_S = 890.0
 
 
 class MixedSource:
-    """Receivers' bytes from outside, link sensors' from the simulated machine, free of noise.
+    """Receivers' bytes from outside; link sensors' of a machine with its joints at home, tilted as the simulated one.
+
+    The receivers' antennas did not move with the simulated joints, so the machine they stood on is not bent by them.
 
     Args:
         machine: with a `positioning` section. crs, frame: of the site; what the link sensors say does not depend on
@@ -33,6 +38,7 @@ class MixedSource:
 
     def __init__(self, machine: MachineModel, crs: ProjectedCrs, frame: SiteFrame, receivers: Receivers) -> None:
         self._receivers = receivers
+        self._home = machine.home
         self._outside = frozenset(receiver_ports(positioning_of(machine)))
         settings = SensorSettings(
             receivers=ReceiverSettings(rate_hz=1),
@@ -42,8 +48,8 @@ class MixedSource:
         self._kit = SensorKit(machine, crs, frame, settings, machine_id=machine_id_of(machine))
 
     def advance(self, now_ns: int, q: Floats, T_site_machine: Floats) -> None:
-        """Let the link sensors see the machine."""
-        self._kit.advance(now_ns, q, T_site_machine)
+        """Let the tilt sensor see how the machine stands; its joints do not count."""
+        self._kit.advance(now_ns, self._home, T_site_machine)
 
     def read(self, now_ns: int) -> list[Chunk]:
         """Return what arrived by now, oldest first."""
@@ -51,11 +57,35 @@ class MixedSource:
         return sorted((*links, *self._receivers.read(now_ns)), key=lambda chunk: chunk.received_ns)
 
 
+class SimulatedJoints:
+    """Pose and health as a navigator finds them, joints as the simulated machine truly has them.
+
+    Args:
+        navigator: for the pose. joints: gives the true joint positions (n,).
+    """
+
+    def __init__(self, navigator: Navigator, joints: Callable[[], Floats]) -> None:
+        self._navigator, self._joints = navigator, joints
+
+    @property
+    def tallies(self) -> Mapping[str, Tally]:
+        """What became of the sentences and messages of each port."""
+        return self._navigator.tallies
+
+    def take(self, chunks: Sequence[Chunk], now_ns: int, track: Alignment | None) -> Known:
+        """Return what is known now; the joints' 1-sigma is that of the machine's own sensors."""
+        known = self._navigator.take(chunks, now_ns, track)
+        if known.posture is None:
+            return known
+        stamp = replace(known.posture.stamp, monotonic_ns=now_ns)
+        return replace(known, posture=replace(known.posture, stamp=stamp, q=frozen(self._joints())))
+
+
 class GnssSession(Session):
     """A session on receivers from outside; it begins where their first usable position is.
 
     There is no truth for the undercarriage but the position itself: it is put where the position says, after every
-    step. Joints and link sensors are the simulated machine's.
+    step. Joints are the simulated machine's; the machine the receivers stood on is taken to have had them at home.
 
     Args:
         receivers: logs or ports. site, machine: read. arguments: of `Session`, without a place and without sensors.
@@ -91,16 +121,16 @@ class GnssSession(Session):
         if left_s > LONGEST_S:
             said.append(f"the run ends after {LONGEST_S:g} s; the log goes on for {left_s - LONGEST_S:.0f} s more")
         self.stand = replace(self.stand, warnings=tuple(said))
-        receivers.begin()
-
-    @property
-    def senses(self) -> Senses:
-        """What the machine measures with, in words."""
-        return replace(
-            super().senses,
-            words=f"receivers: {self._receivers.words}; link sensors simulated, free of noise",
-            assumption=f"Positions come from {self._receivers.words}; link sensors are simulated, free of noise.",
+        self.senses = replace(
+            self.senses,
+            words=f"receivers: {receivers.words}; joints simulated, free of noise",
+            assumption=(
+                f"Positions come from {receivers.words}; the machine there is taken to have had its joints at home. "
+                "Joints and tilt are simulated, and measured without noise."
+            ),
         )
+        self._navigator = SimulatedJoints(self._navigator, lambda: self._plant.truth[0])
+        receivers.begin()
 
     @property
     def standing_assumption(self) -> str:
