@@ -1,11 +1,14 @@
 """Logs through a machine's own positioning: heading and pose of a machine whose truth is known."""
 
+import json
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from workgauge.app.cli import app
 from workgauge.geodesy.crs import ProjectedCrs
 from workgauge.geodesy.frame import SiteFrame
 from workgauge.geodesy.heights import HeightModel
@@ -107,6 +110,30 @@ def test_one_receiver_of_two_gives_no_heading_and_says_stop(machine, logs):
     assert set(states) == {"stop"}
     assert np.isnan(track.heading).all()
     assert all("e" not in row and row["reasons"] for row in rows)
+
+
+def test_the_command_says_it_all(logs, tmp_path):
+    paths = [str(log.path) for log in logs]
+    asked = ["pose", *paths, "--epsg", "3879", "--machine", "rre20", "--report", str(tmp_path / "report"), "--json"]
+    done = CliRunner().invoke(app, asked, catch_exceptions=False)
+    assert done.exit_code == 0, done.stderr
+    told = json.loads(done.stdout)
+    last = told["epochs"][-1]
+    assert last["health"] == "fixed" and last["machine"]["reasons"] == []
+    assert last["heading_deg"] == pytest.approx(last["machine"]["heading_deg"], abs=0.01)
+    assert STANDING in told["warnings"] and "road-rail" in told["health"]
+    assert "grid heading" in (tmp_path / "report" / "report.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("ports", "machine_name", "word"),
+    [(("", ""), "sun-a", "positioning"), (("middle=", ""), "rre20", "port"), (("", ""), "none.yaml", "none.yaml")],
+)
+def test_the_command_refuses(logs, ports, machine_name, word):
+    paths = [f"{port}{log.path}" for port, log in zip(ports, logs, strict=True)]
+    done = CliRunner().invoke(app, ["pose", *paths, "--epsg", "3879", "--machine", machine_name, "--json"])
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert word in done.stderr and len(done.stderr.splitlines()) == 1
 
 
 def test_a_machine_without_positioning_is_refused(machine):
