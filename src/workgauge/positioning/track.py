@@ -80,20 +80,23 @@ class RailTrack:
         if self._filled is not None:
             z, gradient = self._heights(state.distance, z, gradient)
         sine, cosine = np.sin(state.heading), np.cos(state.heading)
-        T = np.zeros((len(sine), 4, 4))
+        flat = np.zeros_like(sine)
         slope = 1.0 / np.sqrt(1.0 + gradient * gradient)
-        direction = np.stack([sine * slope, cosine * slope, gradient * slope], axis=1)
-        level = np.stack([-cosine, sine, np.zeros_like(sine)], axis=1)
-        up = np.cross(direction, level)
+        direction = np.stack([sine, cosine, gradient]) * slope
+        level = np.stack([-cosine, sine, flat])
+        up = np.stack([-gradient * sine, -gradient * cosine, flat + 1.0]) * slope  # direction x level
         # The middle of the track and a point 1 m to its left, as the track's cant turns them.
         points = np.broadcast_to(np.array([0.0, 1.0]), (len(sine), 2))
         ys, zs = self.rotation.turn(points, np.zeros((len(sine), 2)), state.cant)
-        middle = level * ys[:, :1] + up * zs[:, :1]
-        left = level * ys[:, 1:] + up * zs[:, 1:] - middle
-        above = np.cross(direction, left)
-        T[:, :3, 3] = np.stack([state.e, state.n, z], axis=1) + middle + self.height_m * above
+        aside, raised = ys[:, 1] - ys[:, 0], zs[:, 1] - zs[:, 0]
+        above = up * aside - level * raised  # direction x left
         way = 1.0 if forward else -1.0
-        T[:, :3, 0], T[:, :3, 1], T[:, :3, 2] = way * direction, way * left, above
+        T = np.zeros((len(sine), 4, 4))
+        T[:, :3, 0] = way * direction.T
+        T[:, :3, 1] = way * (level * aside + up * raised).T
+        T[:, :3, 2] = above.T
+        place = np.stack([state.e, state.n, z]) + level * ys[:, 0] + up * zs[:, 0]
+        T[:, :3, 3] = (place + self.height_m * above).T
         T[:, 3, 3] = 1.0
         return T, state.curvature, state.cant
 
