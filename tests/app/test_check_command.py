@@ -3,13 +3,17 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
 from workgauge.app import check_file
 from workgauge.app.check_file import append_check, newest_check, refuse_unchecked
+from workgauge.geodesy.crs import ProjectedCrs
+from workgauge.geodesy.frame import SiteFrame
 from workgauge.machine.load import description_path, load_machine
 from workgauge.positioning.check_log import read_line
+from workgauge.sim.sensors.kit import SensorKit
 from workgauge.values.errors import InputError
 
 POINT = "25500008,6700100,50"
@@ -124,3 +128,53 @@ def test_a_check_of_another_attachment_does_not_arm(cli, tmp_path: Path) -> None
     assert result is not None
     with pytest.raises(InputError, match="cannot write"):
         append_check(Path("\0"), result)
+
+
+POSTURE = {"swing": 30.0, "boom": 10.0, "stick": -80.0}
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[str], np.ndarray]:
+    """Return two receivers' logs of a machine that stands level with its tool on a point, and that point."""
+    machine, crs = load_machine("rre20"), ProjectedCrs.from_epsg(3879)
+    frame = SiteFrame(crs, np.array([25_500_000.0, 6_700_100.0, 20.0]))
+    q = np.array(machine.home)
+    for name, degrees in POSTURE.items():
+        q[machine.joint_names.index(name)] = np.radians(degrees)
+    kit = SensorKit(machine, crs, frame, seed=4)
+    written: dict[str, bytes] = {}
+    for k in range(301):
+        kit.advance(k * 10_000_000, q, np.eye(4))
+        for chunk in kit.read(k * 10_000_000):
+            written[chunk.port] = written.get(chunk.port, b"") + chunk.data
+    folder = tmp_path_factory.mktemp("logs")
+    given = []
+    for port in ("gnss-left", "gnss-right"):
+        (folder / port).write_bytes(written[port])
+        given += ["--gnss", f"{port}={folder / port}"]
+    return given, frame.to_absolute(machine.tool_pose(machine.forward(q))[:3, 3])
+
+
+def test_the_tool_is_where_the_machines_own_logs_have_it(cli, logs, tmp_path: Path) -> None:
+    given, point = logs
+    posture = [text for name, degrees in POSTURE.items() for text in ("--posture-deg", f"{name}={degrees}")]
+    common = ("check", "--machine", "rre20", *given, "--epsg", 3879, *posture, "--point-sigma-mm", 2)
+    good = cli.workgauge(*common, "--point", ",".join(f"{v:.4f}" for v in point), "--json")
+    assert good.data["passed"], good.data["why"]
+    assert 0 < good.data["distance_m"] < 0.05 and good.data["sigmas"] < 4 and 0.005 < good.data["sigma_m"] < 0.08
+    off = point + np.array([0.0, 0.0, 0.12])
+    bad = cli.workgauge(*common, "--point", ",".join(f"{v:.4f}" for v in off), "--file", tmp_path / "checks")
+    assert bad.code == 3 and "from the point" in bad.out and "stand level" in bad.err
+    wrong = cli.workgauge(*common, "--posture-deg", "boom=14", "--point", ",".join(f"{v:.4f}" for v in point))
+    assert wrong.code == 3  # 4 degrees of boom are more than 0.3 m at the tool
+
+
+def test_logs_that_cannot_be_used_are_refused(cli, logs, tmp_path: Path) -> None:
+    given, _ = logs
+    base = ("check", "--machine", "rre20", "--point", POINT)
+    assert cli.workgauge(*base, *given).code == 2  # no coordinate system
+    assert cli.workgauge(*base, *given, "--tool", POINT, "--sigma-mm", 5, "--epsg", 3879).code == 2
+    cli.refused(cli.workgauge(*base, *given, "--epsg", 3879, "--posture-deg", "arm=3"), "no such joint", "swing")
+    assert cli.workgauge(*base, *given, "--epsg", 3879, "--posture-deg", "boom").code == 2
+    cli.refused(cli.workgauge(*base, "--gnss", tmp_path / "none", "--epsg", 3879), "no such file")
+    cli.refused(cli.workgauge(*base, *given[:2], "--epsg", 3879), "no position to check")

@@ -8,17 +8,23 @@ import numpy as np
 import typer
 
 from workgauge.app.check_file import append_check, utc_now_ns
-from workgauge.app.output import facts, input_errors_exit_2, print_json, stdout
+from workgauge.app.output import facts, input_errors_exit_2, print_json, stdout, warn
 from workgauge.app.site_commands import Epsg, Json
+from workgauge.geodesy.crs import ProjectedCrs
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
 from workgauge.machine.positioning import Thresholds
 from workgauge.positioning.check import BelievedTool, CheckResult, check_against
 from workgauge.positioning.check_log import record_of
+from workgauge.rehearse.believed_tool import tool_from_logs
+from workgauge.rehearse.located_log import positioning_of
+from workgauge.rehearse.log_file import log_files
+from workgauge.rehearse.standing import log_ports
 from workgauge.site.model import SiteModel
 from workgauge.site.read import read_site
 from workgauge.values.arrays import Floats, frozen
-from workgauge.values.errors import SiteError
+from workgauge.values.errors import MachineError, SiteError
+from workgauge.values.health import PositionHealth
 
 #: Exit code of a check that did not pass.
 EXIT_FAILED = 3
@@ -35,8 +41,16 @@ def check_command(
         str | None, typer.Option(metavar="NAME", help="Or its name among the points of --site.")
     ] = None,
     site: Annotated[list[Path] | None, typer.Option(metavar="FILE…", help="Site files with that point.")] = None,
+    gnss: Annotated[
+        list[str] | None,
+        typer.Option(metavar="LOG", help="Logs of the machine with its tool on the point, FILE or PORT=FILE."),
+    ] = None,
+    posture_deg: Annotated[
+        list[str] | None,
+        typer.Option(metavar="JOINT=DEG", help="With logs that have no link sensors; home if left out."),
+    ] = None,
     tool: Annotated[
-        str | None, typer.Option(metavar="E,N,H", help="Where the program says the tool is, read off a screen.")
+        str | None, typer.Option(metavar="E,N,H", help="Or where the program has the tool, read off a screen.")
     ] = None,
     sigma_mm: Annotated[
         float | None, typer.Option(metavar="S", help="With --tool: its 1-sigma as the screen has it.")
@@ -60,7 +74,8 @@ def check_command(
     place, name = _known_point(point, point_name, site or [], epsg)
     if not (math.isfinite(point_sigma_mm) and point_sigma_mm >= 0.0):
         raise typer.BadParameter("a finite number, 0 or more", param_hint="--point-sigma-mm")
-    believed = _read_off(tool, sigma_mm, heading_deg)
+    screen = (tool, sigma_mm, heading_deg)
+    believed, health, warnings = _believed(screen, gnss or [], posture_deg or [], model, place, epsg)
     result = check_against(
         place,
         believed,
@@ -69,6 +84,7 @@ def check_command(
         utc_ns=utc_now_ns(),
         point_name=name,
         point_sigma_m=1e-3 * point_sigma_mm,
+        health=health,
     )
     if file is not None:
         append_check(file, result)
@@ -76,6 +92,7 @@ def check_command(
         print_json(record_of(result))
     else:
         _show(result, file)
+        warn(warnings)
     if not result.passed:
         raise typer.Exit(EXIT_FAILED)
 
@@ -136,6 +153,52 @@ def _read_off(tool: str | None, sigma_mm: float | None, heading_deg: float) -> B
         raise typer.BadParameter("a finite number", param_hint="--heading-deg")
     covariance = (1e-3 * sigma_mm) ** 2 * np.eye(3)
     return BelievedTool(parse_point(tool, "--tool"), frozen(covariance), math.radians(heading_deg))
+
+
+_Believed = tuple[BelievedTool, PositionHealth | None, tuple[str, ...]]
+
+
+def _believed(
+    screen: tuple[str | None, float | None, float],
+    logs: list[str],
+    posture: list[str],
+    machine: MachineModel,
+    point: Floats,
+    epsg: int | None,
+) -> _Believed:
+    """Return the tool as read off a screen, or as the machine's positioning has it at the end of logs."""
+    if (screen[0] is None) == (not logs):
+        raise typer.BadParameter("give exactly one of --gnss and --tool")
+    if not logs:
+        return _read_off(*screen), None, ()
+    if epsg is None:
+        raise typer.BadParameter("--gnss needs the site's coordinate system", param_hint="--epsg")
+    files = log_files(logs, log_ports(positioning_of(machine)))
+    q = parse_posture(machine, posture) if posture else None
+    return tool_from_logs(files, machine, ProjectedCrs.from_epsg(epsg), point, q)
+
+
+def parse_posture(machine: MachineModel, given: list[str]) -> Floats:
+    """Return (n,) of `JOINT=DEGREES` (metres for joints that slide), home for the others.
+
+    Raises:
+        typer.BadParameter: for another form. MachineError: for a joint the machine has not.
+    """
+    q = np.array(machine.home)
+    for one in given:
+        name, _, text = one.rpartition("=")
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not name or not math.isfinite(value):
+            raise typer.BadParameter(f"{one!r} is not JOINT=DEGREES", param_hint="--posture-deg")
+        if name not in machine.joint_names:
+            allowed = ", ".join(machine.joint_names)
+            raise MachineError("no such joint", element="--posture-deg", value=name, allowed=allowed)
+        j = machine.joint_names.index(name)
+        q[j] = value if machine.prismatic[j] else math.radians(value)
+    return frozen(q)
 
 
 def _thresholds(machine: MachineModel) -> Thresholds:

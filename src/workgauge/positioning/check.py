@@ -19,6 +19,9 @@ from workgauge.values.arrays import Floats, frozen
 from workgauge.values.health import HealthState, PositionHealth
 from workgauge.values.reasons import Reason, ReasonCode
 
+#: A position whose 1-sigma is more than so many tolerances can agree by chance only: that is no check.
+SURE = 2.0
+
 #: How far a check may be stamped ahead of the clock that reads it [s].
 AHEAD_S = 60.0
 
@@ -148,10 +151,9 @@ def _refused(
     tolerance = limits.check_tolerance_m
     if not distance <= tolerance:
         why.append(f"tool is {_mm(distance)} from the point (tolerance {_mm(tolerance)})")
-    if not sigma <= tolerance:
-        why.append(
-            f"position is sure to {_mm(sigma)} only (1 sigma, tolerance {_mm(tolerance)}): wait for a better fix"
-        )
+    if not sigma <= SURE * tolerance:
+        surest = _mm(SURE * tolerance)
+        why.append(f"position is sure to {_mm(sigma)} only (1 sigma, limit {surest}): wait for a better fix")
     if not off <= limits.innovation_sigmas:
         why.append(
             f"tool is {off:.1f} sigma from the point (limit {limits.innovation_sigmas:g}): "
