@@ -1,8 +1,8 @@
 """Which time a measurement is of, and which measurements belong together.
 
 A measurement is valid at `arrival - latency`. Where the sender says the time of its epoch, arrivals that dawdle are
-told from those that do not: the clock's offset is the least `arrival - epoch` of the last seconds, and the time
-valid is `epoch + offset - latency`. Sentences of one epoch are found by their time of day in milliseconds, which
+told from those that do not: the clock's offset is the least `arrival - epoch` so far, and the time valid is
+`epoch + offset - latency`. Sentences of one epoch are found by their time of day in milliseconds, which
 every receiver's message of that epoch says alike, master or rover, NMEA or UBX.
 """
 
@@ -15,8 +15,10 @@ from workgauge.positioning.posture import Reading
 from workgauge.values.arrays import Floats
 from workgauge.values.navigation import FixQuality, GnssError, GnssFix, GnssHeading, GnssVelocity
 
-#: The least delay counts for this long, at most twice as long [ns].
-WINDOW_NS = 5_000_000_000
+#: Two clocks drift apart by no more than this: by so much the least delay is let rise.
+DRIFT = 2e-4
+#: A clock that is suddenly whole seconds off, to within this [ns], was set (a leap second), once that lasts [ns].
+STEP_NS, SLACK_NS, LASTS_NS = 1_000_000_000, 30_000_000, 1_000_000_000
 #: Messages without a time of their own belong to the last epoch if they arrive within this [ns].
 SAME_BURST_NS = 60_000_000
 #: So many epochs are kept, and so many readings of a link sensor.
@@ -26,27 +28,34 @@ _DAY_MS = 86_400_000
 
 
 class Clock(NamedTuple):
-    """The offset between a sender's clock and ours, as the least delay of the last two windows [ns]."""
+    """The offset between a sender's clock and ours: the least of arrival less epoch so far, but for drift [ns].
 
-    began_ns: int = 0
+    A stream that is held up does not become punctual by being late for long. `stepped_ns`: since when the offset is
+    whole seconds larger, None if it is not.
+    """
+
     least: int | None = None
-    before: int | None = None
+    heard_ns: int = 0
+    stepped_ns: int | None = None
 
     def heard(self, arrived_ns: int, epoch_ns: int) -> "Clock":
         """Return the clock after an arrival."""
         offset = arrived_ns - epoch_ns
         if self.least is None:
-            return Clock(arrived_ns, offset, None)
-        if arrived_ns - self.began_ns > WINDOW_NS:
-            return Clock(arrived_ns, offset, self.least)
-        return self if offset >= self.least else self._replace(least=offset)
+            return Clock(offset, arrived_ns)
+        least = min(offset, self.least + round(DRIFT * max(0, arrived_ns - self.heard_ns)))
+        off = offset - least
+        seconds = round(off / STEP_NS)
+        if seconds < 1 or abs(off - seconds * STEP_NS) > SLACK_NS:
+            return Clock(least, arrived_ns)
+        since = arrived_ns if self.stepped_ns is None else self.stepped_ns
+        return Clock(offset if arrived_ns - since >= LASTS_NS else least, arrived_ns, since)
 
     def valid_ns(self, arrived_ns: int, epoch_ns: int | None, latency_ns: int) -> int:
         """Return when a measurement was taken, on our clock; never later than `arrival - latency`."""
         if epoch_ns is None or self.least is None:
             return arrived_ns - latency_ns
-        offset = self.least if self.before is None else min(self.least, self.before)
-        return min(epoch_ns + offset, arrived_ns) - latency_ns
+        return min(epoch_ns + self.least, arrived_ns) - latency_ns
 
 
 _UNHEARD = Clock()
