@@ -73,7 +73,8 @@ class HealthMemory:
         fixed: those of them in a row with ambiguities fixed and a fresh correction.
         jump_sigmas: by how much the newest solution jumped, 0 if it did not.
         candidates: refused solutions in a row that agree with each other.
-        heading_wrong: a heading disagreed, and none has agreed since. baseline_wrong: the same of the baseline.
+        heading_wrong: by how much a heading disagreed, 0 once one agrees [rad]. baseline_wrong: the baseline [m].
+        heading_allowed, baseline_allowed: what each was held to, honest noise included.
         swapped: antennas found exchanged, and no heading has agreed since.
         moved: the undercarriage moved, or was not known to stand, when it had to.
     """
@@ -89,6 +90,8 @@ class HealthMemory:
     candidates: int = 0
     heading_wrong: float = 0.0
     baseline_wrong: float = 0.0
+    heading_allowed: float = 0.0
+    baseline_allowed: float = 0.0
     swapped: bool = False
     moved: bool = False
 

@@ -72,15 +72,17 @@ def judge(
 
 def _compared(seen: HealthSeen, memory: HealthMemory, limits: Thresholds) -> HealthMemory:
     """Return the memory with this tick's comparisons of heading and baseline in it."""
-    heading, baseline, swapped = memory.heading_wrong, memory.baseline_wrong, memory.swapped
+    swapped = memory.swapped
     if not math.isnan(seen.heading_difference):
         allowed = beyond(math.radians(limits.heading_deg), seen.heading_sigma, limits)
-        heading = 0.0 if abs(seen.heading_difference) <= allowed else seen.heading_difference
-        swapped = swapped and heading != 0.0
+        wrong = 0.0 if abs(seen.heading_difference) <= allowed else seen.heading_difference
+        memory = replace(memory, heading_wrong=wrong, heading_allowed=allowed)
+        swapped = swapped and wrong != 0.0
     if not math.isnan(seen.baseline_error_m):
         allowed = beyond(limits.baseline_m, seen.baseline_sigma_m, limits)
-        baseline = 0.0 if abs(seen.baseline_error_m) <= allowed else seen.baseline_error_m
-    return replace(memory, heading_wrong=heading, baseline_wrong=baseline, swapped=swapped or seen.swapped)
+        wrong = 0.0 if abs(seen.baseline_error_m) <= allowed else seen.baseline_error_m
+        memory = replace(memory, baseline_wrong=wrong, baseline_allowed=allowed)
+    return replace(memory, swapped=swapped or seen.swapped)
 
 
 def beyond(limit: float, sigma: float, limits: Thresholds) -> float:

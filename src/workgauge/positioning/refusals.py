@@ -47,7 +47,7 @@ def refusals(seen: HealthSeen, memory: HealthMemory, limits: Thresholds) -> tupl
     if memory.baseline_wrong != 0.0:
         text = (
             f"antennas are {1e3 * memory.baseline_wrong:+.0f} mm from their known distance "
-            f"(limit {1e3 * limits.baseline_m:g} mm)"
+            f"(limit {1e3 * memory.baseline_allowed:.3g} mm)"
         )
         reasons.append(Reason(ReasonCode.HEADING_DISAGREES, text))
     return tuple(reasons)
@@ -82,7 +82,7 @@ def stops(
     elif memory.heading_wrong != 0.0:
         text = (
             f"heading is {math.degrees(memory.heading_wrong):+.1f}° off the other heading "
-            f"(limit {limits.heading_deg:g}°): a heading or the swing angle is wrong"
+            f"(limit {math.degrees(memory.heading_allowed):.3g}°): a heading or the swing angle is wrong"
         )
         reasons.append(Reason(ReasonCode.HEADING_DISAGREES, text))
     if relocated:
