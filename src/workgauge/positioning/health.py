@@ -42,7 +42,7 @@ def judge(
 
     Pure, total and deterministic; it never raises on numbers. `False` for a tick without a new solution.
     """
-    if not seen.new:
+    if not seen.new and seen.quality is not memory.quality:
         seen = replace(seen, quality=memory.quality)
     noted = _compared(seen, memory, thresholds)
     about = refusals(seen, noted, thresholds)
@@ -82,7 +82,8 @@ def _compared(seen: HealthSeen, memory: HealthMemory, limits: Thresholds) -> Hea
         allowed = beyond(limits.baseline_m, seen.baseline_sigma_m, limits)
         wrong = 0.0 if abs(seen.baseline_error_m) <= allowed else seen.baseline_error_m
         memory = replace(memory, baseline_wrong=wrong, baseline_allowed=allowed)
-    return replace(memory, swapped=swapped or seen.swapped)
+    swapped = swapped or seen.swapped
+    return memory if swapped is memory.swapped else replace(memory, swapped=swapped)
 
 
 def beyond(limit: float, sigma: float, limits: Thresholds) -> float:
@@ -143,10 +144,10 @@ def _standing(seen: HealthSeen, limits: Thresholds) -> bool:
 def _counted(seen: HealthSeen, memory: HealthMemory, accept: bool, trouble: bool, limits: Thresholds) -> HealthMemory:
     """Return the memory with the runs of agreeing solutions counted on, or begun anew."""
     if trouble:
-        return replace(memory, agreeing=0, fixed=0)
+        return replace(memory, agreeing=0, fixed=0) if memory.agreeing or memory.fixed else memory
     fixed = memory.fixed if _clean(seen, limits) else 0
     if not accept:
-        return replace(memory, fixed=fixed)
+        return memory if fixed == memory.fixed else replace(memory, fixed=fixed)
     enough = limits.innovation_in_a_row
     grown = fixed + 1 if _clean(seen, limits) else 0
     return replace(memory, agreeing=min(enough, memory.agreeing + 1), fixed=min(enough, grown))
