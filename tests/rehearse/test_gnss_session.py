@@ -34,7 +34,7 @@ from workgauge.values.health import HealthState
 from workgauge.values.measurements import Levers
 
 #: Where on Track 1 the log begins, how fast the machine goes, and for how long.
-START_M, SPEED_M_S, SECONDS = 540.0, 1.0, 6.0
+START_M, SPEED_M_S, SECONDS = 540.0, 1.0, 4.5
 
 
 @pytest.fixture(scope="module")
@@ -119,6 +119,30 @@ def test_simulated_joints_do_not_move_the_antennas(logs, site, machine):
         assert done.known.posture.q[swung] == done.trace.q[swung]
     assert abs(session.true_state[0][swung] - before) > 0.2
     assert states == {HealthState.FIXED}
+
+
+def test_an_unplugged_receiver_is_a_warning_and_a_stop(logs, site, machine):
+    class Unplugged(LogReceivers):
+        """Half way, the cable is pulled."""
+
+        @property
+        def faults(self) -> tuple[str, ...]:
+            return ("/dev/ttyX: gone",) if self.pulled else ()
+
+        pulled = False
+
+        def read(self, now_ns: int) -> list:
+            self.pulled = now_ns > 2.5e9
+            return [] if self.pulled else super().read(now_ns)
+
+    receivers = Unplugged(log_files(logs, receiver_ports(machine.positioning)), machine)
+    session = GnssSession(receivers, site, machine, rules="finland")
+    states = []
+    while session.t_s < 4.6:
+        states.append(session.step(session.intent()).known.health.state)
+    assert [text for text in session.stand.warnings if "ttyX" in text] == ["at 2.5 s: /dev/ttyX: gone"]
+    assert HealthState.FIXED in states and HealthState.DEAD_RECKONING in states
+    assert states[-1] is not HealthState.FIXED
 
 
 def test_the_run_says_what_it_stands_on(logs, machine):

@@ -23,6 +23,10 @@ from workgauge.values.limits import LimitKind
 Prepared = tuple[Session, Sequence[Step], tuple[str, str], dict[str, str], Sequence[StateChange]]
 
 
+#: Levers stay neutral so much longer than positioning needed to find the machine [s].
+SETTLE_S = 1.0
+
+
 @dataclass(frozen=True, slots=True)
 class OwnSite:
     """A site of the user's own, and what works there."""
@@ -58,6 +62,10 @@ def gnss_run(given: Sequence[str], on: LoadedScenario | OwnSite) -> Iterator[Pre
         session, steps, words, facts, states = (
             _scenario(receivers, on, model) if isinstance(on, LoadedScenario) else _own_site(receivers, on, model)
         )
+        steps = (
+            Hold(do="hold", for_s=receivers.lead_s + SETTLE_S),
+            *steps,
+        )  # levers neutral until there is a position
         if isinstance(receivers, LogReceivers):  # stand until the logs end
             steps = (*steps, Hold(do="hold", for_s=max(min(receivers.left_s, LONGEST_S), 0.1)))
         yield session, steps, words, facts, states

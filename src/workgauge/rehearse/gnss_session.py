@@ -103,6 +103,7 @@ class GnssSession(Session):
                 allowed="files that name one, or --epsg N",
             )
         self._receivers = receivers
+        self._gone: tuple[str, ...] = ()
         frame = site.frame()
         at = near_of(receivers.first_pose(machine, site.crs, frame), frame)
         source = MixedSource(machine, site.crs, frame, receivers)
@@ -146,9 +147,17 @@ class GnssSession(Session):
         return self._receivers.finished(self._now_ns) or self.t_s >= LONGEST_S
 
     def step(self, intent: Intent | None = None) -> StepResult:
-        """Advance one tick once its time has come, then stand where the position says."""
+        """Advance one tick once its time has come, then stand where the position says.
+
+        A device that was unplugged becomes a warning of the session's stand.
+        """
         self._receivers.wait_until(self._now_ns)
         done = super().step(intent)
+        gone = self._receivers.faults
+        new = tuple(f"at {done.t_s:.1f} s: {fault}" for fault in gone if fault not in self._gone)
+        if new:
+            self.stand = replace(self.stand, warnings=(*self.stand.warnings, *new))
+        self._gone = gone
         if done.known.pose is not None:
             self._plant.stand_at(done.known.pose.T_site_machine)
         return done

@@ -35,6 +35,7 @@ class Receivers(Protocol):
 
     words: str
     warnings: tuple[str, ...]
+    lead_s: float  #: how long the run needs at its beginning until the position may be used, about
 
     def first_pose(self, machine: MachineModel, crs: ProjectedCrs, frame: SiteFrame) -> Floats:
         """Return the first pose (4, 4) in `frame` that may be used, level and with the joints at home.
@@ -58,6 +59,11 @@ class Receivers(Protocol):
 
     def finished(self, now_ns: int) -> bool:
         """Whether nothing more will come."""
+        ...
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """What is gone now, in words."""
         ...
 
     def close(self) -> None:
@@ -84,6 +90,7 @@ class LogReceivers:
         self.warnings = self.line.warnings
         self._files = ", ".join(str(log.path) for log in logs)
         self._begin_ns = self.line.chunks[0].received_ns
+        self.lead_s = 0.0
         self._next = 0
 
     def first_pose(self, machine: MachineModel, crs: ProjectedCrs, frame: SiteFrame) -> Floats:
@@ -93,6 +100,7 @@ class LogReceivers:
             last = moment.located
             if last.pose is not None:
                 self._begin_ns = max(self._begin_ns, moment.now_ns - LEAD_NS)
+                self.lead_s = (moment.now_ns - self._begin_ns) * 1e-9
                 return last.pose.T_site_machine
         raise _unusable(self._files, last)
 
@@ -123,6 +131,11 @@ class LogReceivers:
     def finished(self, now_ns: int) -> bool:
         """Whether the logs are at their end."""
         return self._next >= len(self.line.chunks)
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """None: a log cannot be unplugged."""
+        return ()
 
     def close(self) -> None:
         """Nothing is open."""
@@ -157,6 +170,7 @@ class PortReceivers:
             raise
         self.words = "the serial port " + " and ".join(f"{device} at {baud} baud" for device, baud, _ in devices)
         self.warnings: tuple[str, ...] = ()
+        self.lead_s = 0.0
 
     def first_pose(self, machine: MachineModel, crs: ProjectedCrs, frame: SiteFrame) -> Floats:
         """Wait for the first usable pose."""
@@ -165,7 +179,8 @@ class PortReceivers:
         links = StandingSensors(machine, machine_id, crs, frame)
         decoders = {port.port: StreamDecoder(port.port, machine_id) for port in self._ports}
         memory, located = locator.start(), None
-        until_ns = self._now_ns() + round(self._patience_s * 1e9)
+        began_ns = self._now_ns()
+        until_ns = began_ns + round(self._patience_s * 1e9)
         while (now_ns := self._now_ns()) < until_ns:
             chunks = self.read(now_ns)
             measurements = [one for chunk in chunks for one in decoders[chunk.port].feed(chunk)]
@@ -174,6 +189,7 @@ class PortReceivers:
                 measurements += decoder.feed(chunk)
             located, memory = locator.step(measurements, now_ns, memory)
             if located.pose is not None:
+                self.lead_s = (now_ns - began_ns) * 1e-9
                 return located.pose.T_site_machine
             self._sleep(LOOK_S)
         faults = [port.fault for port in self._ports if port.fault is not None]
