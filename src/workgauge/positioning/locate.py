@@ -224,7 +224,9 @@ class Locator:
         innovation, again, difference, sigma = math.nan, math.nan, math.nan, math.nan
         if solved is not None:
             innovation = 0.0 if known is None else self._innovation(known, solved, motion)
-            again = agreement(memory.refused, _candidate(solved), np.array(motion.velocity), max(motion.sigma, 0.1))
+            if memory.refused is not None:
+                speed_sigma = max(motion.sigma, 0.1)
+                again = agreement(memory.refused, _candidate(solved), np.array(motion.velocity), speed_sigma)
             difference, sigma = self._headings(memory, solved)
         return HealthSeen(
             now_ns=now_ns,
@@ -310,7 +312,8 @@ class Locator:
         velocity = next((one.velocity for one in reversed(memory.heard[index].epochs) if one.key == solved.key), None)
         if velocity is not None or memory.gyro is not None:
             kin = self.machine.forward(solved.q)
-            motion = gyro_rate(self.machine, kin, memory.posture, solved, memory.gyro, motion)
+            if solved.along is None:  # rails say how it turns
+                motion = gyro_rate(self.machine, kin, memory.posture, solved, memory.gyro, motion)
             antenna = self._solver.wanted[0]
             motion = antenna_velocity(self.machine, kin, memory.posture, solved, velocity, self._crs, antenna, motion)
         if solved.along is not None:

@@ -34,6 +34,9 @@ def gyro_rate(
     """
     if gyro is None or abs(gyro.stamp.monotonic_ns - solved.valid_ns) > GYRO_NS:
         return motion
+    own = gyro.sigma if gyro.sigma > 0.0 else GYRO_SIGMA
+    if not own < motion.yaw_sigma:
+        return motion
     name = gyro.stamp.source.rpartition("/")[2]
     sensor = next((one for one in machine.sensors if one.name == name), None)
     if sensor is None or not np.isfinite(gyro.rate).all():
@@ -43,7 +46,6 @@ def gyro_rate(
     turning = up @ kin.spatial_jacobian[3:, : sensor.link]
     rates, sigmas = _rates(posture, sensor.link)
     rate = float(up @ (R @ gyro.rate) - turning @ rates)
-    own = gyro.sigma if gyro.sigma > 0.0 else GYRO_SIGMA
     sigma = math.hypot(own, float(np.linalg.norm(turning * sigmas)))
     return replace(motion, yaw_rate=rate, yaw_sigma=sigma) if sigma < motion.yaw_sigma else motion
 
@@ -65,13 +67,15 @@ def antenna_velocity(
     """
     if given is None or not math.isfinite(given.speed_m_s) or not math.isfinite(given.course + 0.0):
         return motion
+    own = given.sigma_m_s if given.sigma_m_s > 0.0 else VELOCITY_SIGMA
+    if not own < motion.sigma:
+        return motion
     sensor = next(one for one in machine.sensors if one.name == antenna)
     R, T = solved.T[:3, :3], kin.T_machine_links[sensor.link]
     arm = T[:3, :3] @ sensor.T_link_sensor[:3, 3] + T[:3, 3]
     moving = kin.spatial_jacobian[:, : sensor.link]
     jacobian = R @ (moving[:3] - skew(arm) @ moving[3:])
     rates, sigmas = _rates(posture, sensor.link)
-    own = given.sigma_m_s if given.sigma_m_s > 0.0 else VELOCITY_SIGMA
     lever = math.hypot(arm[0], arm[1]) * motion.yaw_sigma
     sigma = math.sqrt(own**2 + lever**2 + float(np.square(jacobian * sigmas).sum()))
     if not sigma < motion.sigma:
