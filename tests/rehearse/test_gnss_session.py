@@ -241,7 +241,7 @@ def test_a_replayed_log_never_goes_back(logs, machine):
     receivers = LogReceivers(log_files(logs, receiver_ports(machine.positioning)), machine)
     receivers.begin()
     arrived = [chunk.received_ns for now in range(0, 7 * 10**9, 10**7) for chunk in receivers.read(now)]
-    assert len(arrived) > 100 and all(a <= b for a, b in pairwise(arrived))
+    assert len(arrived) > 80 and all(a <= b for a, b in pairwise(arrived))
     assert receivers.finished(0)
 
 

@@ -141,15 +141,25 @@ def _broken(t: Floats, y: Floats, pauses: Sequence[tuple[str, float]]) -> tuple[
     return np.insert(t, before, places), np.insert(y, before, np.nan)
 
 
+def _by_source(track: Track, values: Floats) -> list[tuple[str, Floats]]:
+    """Return one series (n,) per receiver, NaN where another one speaks."""
+    names = sorted({source for source in track.sources if source})
+    sources = np.array(track.sources)
+    return [(name, np.where(sources == name, values, np.nan)) for name in names]
+
+
 def height_chart(track: Track) -> str:
-    """Return the site's height over time."""
-    return _chart(track, "height", "m", [("z", track.z)], from_zero=False)
+    """Return each antenna's height in the site's system over time."""
+    return _chart(track, "height of the antenna", "m", _by_source(track, track.z), from_zero=False)
 
 
 def sigma_chart(track: Track) -> str:
-    """Return the receiver's own statement of its error over time."""
-    names = ("east", "north", "up")
-    return _chart(track, "stated 1σ", "m", [(names[i], track.sigma_m[:, i]) for i in range(3)], from_zero=True)
+    """Return the receivers' own statement of their error over time: of several, the larger of east and north."""
+    if len({source for source in track.sources if source}) > 1:
+        horizontal = np.fmax(track.sigma_m[:, 0], track.sigma_m[:, 1])
+        return _chart(track, "stated horizontal 1σ", "m", _by_source(track, horizontal), from_zero=True)
+    series = [(name, track.sigma_m[:, i]) for i, name in enumerate(("east", "north", "up"))]
+    return _chart(track, "stated 1σ", "m", series, from_zero=True)
 
 
 def heading_chart(track: Track) -> str:
