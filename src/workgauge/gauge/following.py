@@ -2,8 +2,10 @@
 
 While the undercarriage is on a switch it blocks both branches: no train can pass on either. So a track that branches
 from its own is let off as long as the undercarriage fouls it, that is until the two lie `fouling_m` apart; from there
-on it is an adjacent track like any other, and counts. A track that only runs beside its own is never let off. That a
-track is let off says that the undercarriage stands on it, not that the machine may be there.
+on it is an adjacent track like any other, and counts. Where its own alignment ends and another one goes on from
+there, that one is the same rails and let off too, from `AHEAD_M` before the joint. A track that only runs beside its
+own is never let off. That a track is let off says that the undercarriage stands on it, not that the machine may be
+there.
 """
 
 import math
@@ -22,6 +24,9 @@ MOVED_M, TURNED = 0.25, math.radians(0.2)
 
 #: Two tracks branch from each other if they run so close together [m], no farther than this from the machine [m].
 TOGETHER_M, BRANCH_WITHIN_M = 0.3, 250.0
+
+#: So near the end of its own alignment the one that goes on is let off [m]: farther than an arm and its brakes reach.
+AHEAD_M = 30.0
 
 #: Places between the two where that is looked at [m], and how finely the machine's own place is taken for it [m].
 BRANCH_STEP_M, BRANCH_GRID_M = 2.0, 50.0
@@ -61,6 +66,7 @@ class TrackFollower:
         self._fouling = rules.own_track.fouling_m
         self._hysteresis = rules.own_track.hysteresis_m
         self._angle = math.radians(rules.own_track.heading_within_deg)
+        self._going_on = {name: self._goes_on(name) for name in self._tracks}
         self._branching: dict[tuple[str, str, int], bool] = {}
 
     @property
@@ -96,7 +102,30 @@ class TrackFollower:
             near = distance <= self._fouling + slack and name != own
             if near and (distance <= self._within + slack or self._branches(own, name, along)):
                 let_off.add(name)
+        along, length = away[own][1], self._tracks[own].length
+        for end_m, others in self._going_on[own]:
+            for other in others:
+                slack = self._hysteresis if other in before.let_off else 0.0
+                if abs(along - min(end_m, length)) <= AHEAD_M + slack:
+                    let_off.add(other)
         return OnTracks(own, frozenset(let_off), e, n, heading)
+
+    def _goes_on(self, name: str) -> tuple[tuple[float, tuple[str, ...]], ...]:
+        """Return, for both ends of a track, its distance along and the tracks that begin or end there and lead on."""
+        track, found = self._tracks[name], []
+        for end_m, outwards in ((0.0, -1.0), (track.length, 1.0)):
+            state = track.at(end_m)
+            heading = float(state.heading[0]) + (0.0 if outwards > 0 else math.pi)
+            others = []
+            for other, alignment in self._tracks.items():
+                for at_m, inwards in ((0.0, 1.0), (alignment.length, -1.0)) if other != name else ():
+                    there = alignment.at(at_m)
+                    apart = math.hypot(float(there.e[0] - state.e[0]), float(there.n[0] - state.n[0]))
+                    leads = float(there.heading[0]) + (0.0 if inwards > 0 else math.pi)
+                    if apart <= TOGETHER_M and abs(math.remainder(leads - heading, 2 * math.pi)) <= self._angle:
+                        others.append(other)
+            found.append((end_m, tuple(others)))
+        return tuple(found)
 
     def _away(self, e: float, n: float, heading: float) -> dict[str, tuple[float, float]]:
         """Return (distance from the machine, distance along) [m] of the tracks near it and along its heading."""

@@ -44,8 +44,8 @@ class Match(Block):
 class LimitBlock(Sourced):
     """What every limit of a rule carries. `{name}` in a text stands for the feature's own name.
 
-    `active_from`, `active_until`: moments with their time zone, `2026-05-02T22:00:00+03:00`; the limit counts from the
-    one to the other, both included.
+    `active_from`, `active_until`: moments with their time zone, `2026-05-02T22:00:00+03:00`; the limit counts from
+    the one to the other, both included.
     """
 
     name: str = "{name}"

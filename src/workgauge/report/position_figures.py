@@ -43,8 +43,8 @@ def _believed(result: RunResult, position: PositionSeries) -> str:
     return (
         "<section><h2>Position: believed and true</h2>"
         "<p>The clearance nearest to being used up, as the program believed it, less and plus its protection level,"
-        " and the true clearance of the same part of the machine to the same limit. Over all parts and limits in sight at"
-        f" every tick the error came to {escape(share)} of its protection level at most, {held}.</p>"
+        " and the true clearance of the same part of the machine to the same limit. Over all parts and limits in"
+        f" sight at every tick the error came to {escape(share)} of its protection level at most, {held}.</p>"
         f"{believed_figure(result, position)}{health_figure(result, position)}"
         f'<p class="note">Health: {escape(states)}.</p></section>'
     )
