@@ -88,6 +88,7 @@ def run_command(
     """
     choice = _Choice(site or (), machine, rules, scenario, guard, at, gnss or (), check, epsg)
     with _prepared(choice) as (session, steps, words, said, travel, states):
+        session.checked = check is not None
         for state in off or ():
             session.check_state(state)
         switched = (*(StateChange(state=state, on=False) for state in off or ()), *states)

@@ -1,9 +1,11 @@
 """From the bytes of a machine's ports to its posture, pose and health."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
+from workgauge.machine.model import MachineModel
+from workgauge.positioning.check import withheld
 from workgauge.site.alignment import Alignment
 from workgauge.values.arrays import Floats
 from workgauge.values.health import PositionHealth
@@ -74,3 +76,11 @@ class PerfectNavigator:
                 pose = value
         self._known = Known(posture, pose)
         return self._known
+
+
+def armed(known: Known, machine: MachineModel, checked: bool) -> Known:
+    """Return what is known, stopped for want of a start-of-shift check where the machine's file asks for one."""
+    asked = machine.positioning is not None and machine.positioning.thresholds.check_required
+    if checked or not asked:
+        return known
+    return replace(known, health=withheld(known.health, "the machine's file asks for one (needed 1, found 0)", 0))

@@ -23,7 +23,7 @@ from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
 from workgauge.proximity.scene import Scene
 from workgauge.rehearse.choices import chosen_files, chosen_guard, chosen_place, chosen_posture
-from workgauge.rehearse.navigation import Known, Source
+from workgauge.rehearse.navigation import Known, Source, armed
 from workgauge.rehearse.posture import LetOff, start_posture
 from workgauge.rehearse.result import Snapshot
 from workgauge.rehearse.scenario import OnGround, OnTrack
@@ -188,6 +188,7 @@ class Session:
         self.senses: Senses = senses(self, sensors, faults, source)
         self._navigator, self._source = self.senses.navigator, self.senses.source
         self._known = Known()
+        self.checked = False  # whether a valid start-of-shift check was seen, see `navigation.armed`
         self._readings: list[Reading] = []
         self._wanted_travel = 0.0, 0.0
         self._travel_ground = TravelGround(
@@ -323,12 +324,11 @@ class Session:
         """
         now = self._now_ns
         known = self._navigator.take(self._chunks(now), now, self._follower.track(self._tracks.own))
-        self._known = known
+        self._known = known = armed(known, self.machine, self.checked)
         if known.pose is not None:
             self._tracks = self._standing_on(self._tracks, known.pose.T_site_machine)
-        inputs = TickInputs(
-            now, known.posture, known.pose, intent, self._scene, self.off_states, self._tracks.let_off
-        )
+        off, let_off = self.off_states, self._tracks.let_off
+        inputs = TickInputs(now, known.posture, known.pose, intent, self._scene, off, let_off, known.health)
         began = time.perf_counter_ns()
         outputs, self._memory, trace = tick(inputs, self._memory, self._config)
         tick_ms = (time.perf_counter_ns() - began) * 1e-6
