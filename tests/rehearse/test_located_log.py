@@ -16,7 +16,7 @@ from workgauge.machine.load import load_machine
 from workgauge.rehearse.located_log import STANDING, locate, machine_rows, positioning_of, replayed
 from workgauge.rehearse.log_file import log_files
 from workgauge.rehearse.replay import timeline
-from workgauge.rehearse.standing import StandingSensors, log_ports, receiver_ports
+from workgauge.rehearse.standing import StandingSensors, receiver_ports
 from workgauge.rehearse.track_log import read_track
 from workgauge.sim.sensors.kit import SensorKit
 from workgauge.sim.sensors.settings import FixNoise, LinkSettings, ReceiverSettings, SensorSettings
@@ -61,7 +61,7 @@ def logs(machine, tmp_path_factory):
     for port, data in bytes_of.items():
         paths.append(folder / f"{port}.nmea")
         paths[-1].write_bytes(data)
-    return log_files([str(path) for path in paths], log_ports(machine.positioning))
+    return log_files([str(path) for path in paths], receiver_ports(machine.positioning))
 
 
 @pytest.fixture(scope="module")

@@ -16,10 +16,10 @@ from workgauge.geodesy.crs import ProjectedCrs
 from workgauge.geodesy.heights import HeightModel
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
-from workgauge.rehearse.located_log import heights_of, locate, machine_rows, positioning_of
+from workgauge.rehearse.located_log import heights_of, locate, machine_id_of, machine_rows, positioning_of
 from workgauge.rehearse.log_file import log_files
 from workgauge.rehearse.receiver_health import WORDS, receiver_health
-from workgauge.rehearse.standing import log_ports
+from workgauge.rehearse.standing import receiver_ports
 from workgauge.rehearse.track_log import Track, read_track
 from workgauge.rehearse.track_object import QUALITY_WORDS, epochs_object
 from workgauge.report.track_page import write_track_report
@@ -49,10 +49,11 @@ def pose_command(
     crs = ProjectedCrs.from_epsg(epsg)
     model = None if machine is None else load_machine(machine)
     heights = _heights(geoid_separation, geoid_grid, model)
-    files = log_files(logs, () if model is None else log_ports(positioning_of(model)))
+    files = log_files(logs, () if model is None else receiver_ports(positioning_of(model)))
     passes = 1 if model is None else 2
     with _progress(passes * sum(file.size for file in files)) as on_bytes:
-        track = read_track(files, crs, heights, on_bytes)
+        machine_id = "log" if model is None else machine_id_of(model)
+        track = read_track(files, crs, heights, on_bytes, machine_id)
         if model is None:
             words, health, rows = WORDS, receiver_health(track), None
         else:

@@ -76,8 +76,13 @@ class Track:
         return float(self.e[i]), float(self.n[i]), float(np.nan_to_num(self.z[i]))
 
 
-def read_instants(logs: Sequence[LogFile], on_bytes: OnBytes | None = None) -> tuple[list[Instant], dict[str, Any]]:
+def read_instants(
+    logs: Sequence[LogFile], on_bytes: OnBytes | None = None, machine_id: str = "log"
+) -> tuple[list[Instant], dict[str, Any]]:
     """Return the moments of logs, log after log, and the count of their sentences.
+
+    Args:
+        machine_id: whose frames of link sensors count, if there are any among the sentences.
 
     Raises:
         InputError: if a log cannot be read, or holds nothing that a receiver says.
@@ -85,7 +90,7 @@ def read_instants(logs: Sequence[LogFile], on_bytes: OnBytes | None = None) -> t
     instants: list[Instant] = []
     count: dict[str, Any] = {"good": 0, "bad": 0, "unknown": 0, "reasons": {}}
     for log in logs:
-        gatherer, decoder, seen = Gatherer(), StreamDecoder(log.port, "log"), 0
+        gatherer, decoder, seen = Gatherer(), StreamDecoder(log.port, machine_id), 0
         for block in log.blocks(on_bytes):
             for measurement in decoder.feed(Chunk(log.port, 0, block)):
                 gatherer.take(measurement)
@@ -101,14 +106,18 @@ def read_instants(logs: Sequence[LogFile], on_bytes: OnBytes | None = None) -> t
 
 
 def read_track(
-    logs: Sequence[LogFile], crs: ProjectedCrs, heights: HeightModel, on_bytes: OnBytes | None = None
+    logs: Sequence[LogFile],
+    crs: ProjectedCrs,
+    heights: HeightModel,
+    on_bytes: OnBytes | None = None,
+    machine_id: str = "log",
 ) -> Track:
-    """Return the track of logs in a projected system.
+    """Return the track of logs in a projected system; for `machine_id` see `read_instants`.
 
     Raises:
         InputError: if a log cannot be read, or none holds a position.
     """
-    instants, count = read_instants(logs, on_bytes)
+    instants, count = read_instants(logs, on_bytes, machine_id)
     return track_of(instants, count, crs, heights, tuple(str(log.path) for log in logs))
 
 
