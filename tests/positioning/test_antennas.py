@@ -29,7 +29,7 @@ def base_of(exact: Exact, q: Floats | None = None) -> tuple[Floats, Floats]:
     return baseline(exact.machine, kin, (one.link, one.T_link_sensor[:3, 3]), (two.link, two.T_link_sensor[:3, 3]))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(SEEDS, st.integers(0, 1), st.integers(0, 2))
 def test_the_pose_comes_back_exactly(seed: int, tilt_link: int, antenna_link: int) -> None:
     rng = np.random.default_rng(seed)
@@ -87,7 +87,7 @@ def spread(kind: str, rng: np.random.Generator, n: int, scale: float) -> Floats:
     return S * scale**2
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(SEEDS, st.sampled_from(["two", "one"]), st.integers(0, 1))
 def test_covariance_against_finite_differences(seed: int, kind: str, tilt_link: int) -> None:
     rng = np.random.default_rng(seed)

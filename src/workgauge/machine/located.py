@@ -4,8 +4,6 @@ import itertools
 import math
 from collections.abc import Iterable
 
-import numpy as np
-
 from workgauge.machine.faults import DescriptionError, Place
 from workgauge.machine.model import MachineModel
 from workgauge.machine.parts import Sensor
@@ -16,7 +14,7 @@ _TILTING = ("imu", "inclinometer")
 _KINDS = {"encoder": ("encoder",), "inclination": _TILTING, "wire_encoder": ("wire_encoder",)}
 #: Two antennas nearer than this give no useful heading [m].
 SHORTEST_BASELINE_M = 0.3
-#: A joint whose axis stands within this of upright at home cannot be told by gravity [degree].
+#: A joint whose axis stands within this of upright, whatever the others do, cannot be told by gravity [degree].
 UPRIGHT_DEG = 10.0
 
 
@@ -173,8 +171,9 @@ def _inclination(
             name,
             f"an inclinometer on {', '.join(names[: joint + 1])}",
         )
-    axis = machine.forward(machine.home).spatial_jacobian[3:, joint]
-    if abs(float(axis[2])) > np.cos(math.radians(UPRIGHT_DEG)):
+    postures = [machine.home + turn for turn in (0.0, 0.5, 1.2)]  # axes only: limits do not matter
+    upright = math.cos(math.radians(UPRIGHT_DEG))
+    if all(abs(float(machine.forward(q).spatial_jacobian[5, joint])) > upright for q in postures):
         raise DescriptionError(
             (*place, "kind"),
             f"joint {one.joint} turns about the vertical, and gravity says nothing of it",
