@@ -281,3 +281,65 @@ def test_legs_follow_each_other_and_their_times() -> None:
     assert driver.over
     with pytest.raises(ScenarioError, match="no rails"):
         Driver(steps, None, 1.0, Brakes())
+
+
+def test_through_a_switch_onto_the_branch_without_an_entry() -> None:
+    """The main line is let off while the undercarriage fouls it, and counts as an adjacent track from there on."""
+
+    def track(name: str, *parts: tuple[float, float]) -> Alignment:
+        at, yaw, elements = (0.0, 0.0), 0.0, []
+        for length, k in parts:
+            elements.append(PlanElement("curve" if k else "line", Law.CONSTANT, at, yaw, length, k, k))
+            at, yaw = elements[-1].end(), elements[-1].end_yaw()
+        profile = build_profile([VerticalPoint(0.0, 10.0), VerticalPoint(1e3, 10.0)])
+        return Alignment(
+            name=name, source=Source("t.xml", name), plan=PlanGeometry((E0, N0), elements), profile=profile
+        )
+
+    tracks = track("Track Main", (300.0, 0.0)), track("Track Branch", (60.0, 0.0), (90.0, 1 / 300), (60.0, 0.0))
+    site = SiteModel(crs=None, crs_declared={}, units={}, alignments=tracks, files=("t.xml",))
+    at = OnTrack(alignment="Track Branch", distance_m=60.0)
+    session = Session(site, rules="finland", at=at, posture={**ARM, "swing": 0.0}, tick_s=0.1)
+    done = ride(session, 3.0, 260)
+    let_off = [one.tracks.let_off for one in done]
+    assert let_off[0] == {"Track Main", "Track Branch"} and let_off[-1] == {"Track Branch"}
+    assert sum(a != b for a, b in itertools.pairwise(let_off)) == 1
+    assert session.true_travel[1] > 60.0 and session.truth.entries() == ()
+    seen = done[-1].truth.by_limit
+    assert "track:Track Branch" not in seen
+
+
+GOOD = """
+title: t
+site: {shipped: double_track}
+machine: rre20
+start: {on_track: {alignment: Track 1, distance_m: 500}, posture_deg: {boom: 16, stick: -40, bucket: -115}}
+drive:
+  - {do: hold, for_s: 0.2}
+"""
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("  - {do: wait_for_travel}", "wait_for_travel` needs a `travel`"),
+        ("travel:\n  - {distance_m: 1, to_m: 2, speed_m_s: 1}", "s.yaml:9: travel.0"),
+        ("travel:\n  - {distance_m: 0, speed_m_s: 1}", "must not be zero"),
+        ("travel:\n  - {distance_m: 5, speed_m_s: 0}", "s.yaml:9: travel.0.speed_m_s"),
+        ("travel:\n  - {distance_m: 5, speed_m_s: 1, radius_m: 0.1}", "at least 1 m"),
+        ("brakes: {deceleration_m_s2: 0}", "s.yaml:8: brakes.deceleration_m_s2"),
+        ("states:\n  - {at_s: 0, state: '', on: true}", "s.yaml:9: states.0.state"),
+        ("start_utc: 2026-03-02T08:00:00", "time zone"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_with_its_place(tmp_path, more: str, said: str) -> None:
+    file = tmp_path / "s.yaml"
+    file.write_text(GOOD + more + "\n")
+    with pytest.raises(ScenarioError) as error:
+        load_scenario(file)
+    assert said in str(error.value)
+
+
+def test_perfect_sensors_have_no_faults() -> None:
+    with pytest.raises(ScenarioError, match="perfect sensors have no faults"):
+        on_rails(faults=(Silence(do="silence"),))
