@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -28,6 +28,7 @@ def test_the_tail_is_that_of_the_distribution(chi2: float, dimensions: int) -> N
         assert 2 * stats.norm.sf(z) == pytest.approx(stats.chi2.sf(chi2, dimensions), rel=1e-6)
 
 
+@example(5e-324, 0.0, 1)
 @given(st.floats(0, 1e12), st.floats(0, 1e12), st.integers(1, 6))
 def test_farther_is_more_sigmas_and_more_dimensions_are_fewer(one: float, other: float, dimensions: int) -> None:
     near, far = sorted((equivalent_sigmas(one, dimensions), equivalent_sigmas(other, dimensions)))

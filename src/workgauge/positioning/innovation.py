@@ -56,6 +56,8 @@ def log_tail(chi2: float, dimensions: int) -> float:
     (Abramowitz and Stegun 26.4.4, 26.4.5).
     """
     t = 0.5 * chi2
+    if t == 0.0:
+        return 0.0  # also what is too small to be halved
     if dimensions % 2:
         total = float(erfcx(math.sqrt(t)))
         powers = [(i + 0.5) for i in range(dimensions // 2)]
