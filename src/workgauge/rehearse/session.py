@@ -378,8 +378,7 @@ class Session:
         pose, rails = self._known.pose, None
         own = self._follower.track(self._tracks.own)
         if pose is not None and own is not None and isinstance(self._place, RailPlace):
-            network = self._place.network
-            rails = believed_place(pose, network, own)
+            rails = believed_place(pose, self._place.network, own)
         allowed, reasons = allowed_travel(
             wanted, curvature, trace, self._known, rails, self._travel_ground, self._memory.gate.open
         )

@@ -66,8 +66,8 @@ def believed_figure(result: RunResult, position: PositionSeries) -> str:
         chart.threshold(result.stop_distance_m, f"p_l {result.stop_distance_m:.2f} m", "stop")
     chart.marks(result.steps)
     for values, css, name in (
-        (low, "s0 wanted", "believed less protection"),
-        (high, "s0 wanted", "believed plus protection"),
+        (low, "s0 wanted", "− protection"),
+        (high, "s0 wanted", "+ protection"),
         (position.believed_m, "s0", "believed"),
         (position.true_m, "s3 main", "true"),
     ):
@@ -90,7 +90,7 @@ def health_figure(result: RunResult, position: PositionSeries) -> str:
             end = float(t[k - 1]) + tick_s
             chart.span(float(t[begin]), end, f"health {state}", f"{STATE_WORDS.get(state, state)} to {end:.2f} s")
             begin = k
-    chart.line(t, sigma, "s0", "1 sigma")
+    chart.line(t, sigma, "s0", "largest 1 sigma")
     chart.line(t, error, "s3", "true error")
     return chart.svg()
 
