@@ -202,17 +202,7 @@ class EpochSolver:
         yaw, yaw_sigma = math.atan2(T[1, 0], T[0, 0]), math.sqrt(max(0.0, float(free.covariance[5, 5])))
         beside = rails is not None and rails.lateral_sigmas > limits.innovation_sigmas
         used = free if rails is None or beside else rails.pose
-        difference, sigma = math.nan, math.nan
-        if rails is not None and self.track is not None and not beside and math.isfinite(known.yaw):
-            facing = self.track.yaw(rails.distance) + (0.0 if rails.forward else math.pi)
-            difference = math.remainder(facing - yaw, 2.0 * math.pi)
-            sigma = math.hypot(yaw_sigma, math.sqrt(float(rails.pose.covariance[5, 5])))
-        elif self.two and given.heading is not None and math.isfinite(given.heading.heading.heading):
-            measured = antennas[1].position - antennas[0].position
-            convergence = float(self._crs.convergence(fixes[0].position[0], fixes[0].position[1]))
-            other = math.pi / 2 - (given.heading.heading.heading - convergence)
-            difference = math.remainder(other - math.atan2(measured[1], measured[0]), 2.0 * math.pi)
-            sigma = math.hypot(yaw_sigma, max(given.heading.heading.sigma, math.radians(self.spec.heading.sigma_deg)))
+        difference, sigma = self._compared(given, known, fixes, antennas, None if beside else rails, yaw, yaw_sigma)
         tolerance = max(math.radians(limits.heading_deg), limits.innovation_sigmas * sigma)
         swapped = sigma < SURE_HEADING and opposite(difference, tolerance)
         if math.isfinite(known.yaw) and math.hypot(known.yaw_sigma, yaw_sigma) < SURE_HEADING:
@@ -256,6 +246,30 @@ class EpochSolver:
             swapped=swapped,
             q=given.posture.q,
         )
+
+    def _compared(
+        self,
+        given: Given,
+        known: Known,
+        fixes: tuple[GridFix, ...],
+        antennas: tuple[PlacedAntenna, ...],
+        rails: RailSolution | None,
+        yaw: float,
+        yaw_sigma: float,
+    ) -> tuple[float, float]:
+        """Return (heading less the track's or a compass's, its 1-sigma) [rad], NaN with nothing to compare."""
+        difference, sigma = math.nan, math.nan
+        if rails is not None and self.track is not None and math.isfinite(known.yaw):
+            facing = self.track.yaw(rails.distance) + (0.0 if rails.forward else math.pi)
+            difference = math.remainder(facing - yaw, 2.0 * math.pi)
+            sigma = math.hypot(yaw_sigma, math.sqrt(float(rails.pose.covariance[5, 5])))
+        elif self.two and given.heading is not None and math.isfinite(given.heading.heading.heading):
+            measured = antennas[1].position - antennas[0].position
+            convergence = float(self._crs.convergence(fixes[0].position[0], fixes[0].position[1]))
+            other = math.pi / 2 - (given.heading.heading.heading - convergence)
+            difference = math.remainder(other - math.atan2(measured[1], measured[0]), 2.0 * math.pi)
+            sigma = math.hypot(yaw_sigma, max(given.heading.heading.sigma, math.radians(self.spec.heading.sigma_deg)))
+        return difference, sigma
 
     def _rails_of(
         self, used: PoseSolution, rails: RailSolution | None, beside: bool
