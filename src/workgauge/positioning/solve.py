@@ -268,7 +268,7 @@ class EpochSolver:
             convergence = float(self._crs.convergence(fixes[0].position[0], fixes[0].position[1]))
             other = math.pi / 2 - (given.heading.heading.heading - convergence)
             difference = math.remainder(other - math.atan2(measured[1], measured[0]), 2.0 * math.pi)
-            sigma = math.hypot(yaw_sigma, max(given.heading.heading.sigma, math.radians(self.spec.heading.sigma_deg)))
+            sigma = math.hypot(yaw_sigma, max(math.radians(self.spec.heading.sigma_deg), given.heading.heading.sigma))
         return difference, sigma
 
     def _rails_of(
