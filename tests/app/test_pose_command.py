@@ -60,7 +60,7 @@ def test_epochs_have_the_documented_keys_and_the_right_numbers(cli, log):
     assert last["t"] == pytest.approx(1_725_667_200 + 40_002.9)
     assert (first["lat_deg"], first["lon_deg"]) == (pytest.approx(60.2, abs=1e-9), pytest.approx(24.9, abs=1e-9))
     assert (first["h_m"], first["z"], first["quality"]) == (43.0, 25.0, 4)
-    assert first["sigma_m"] == [0.012, 0.011, 0.021]
+    assert first["sigma_m"] == [0.012, 0.011, 0.021] and first["sigma_stated"]
     crs = ProjectedCrs.from_epsg(EPSG)
     e, n = crs.from_geodetic(math.radians(60.2), math.radians(24.9))
     assert (first["e"], first["n"]) == (pytest.approx(float(e), abs=1e-4), pytest.approx(float(n), abs=1e-4))
@@ -79,7 +79,9 @@ def test_without_a_date_times_are_of_the_day(cli, tmp_path):
     assert told["time"] == "day"
     assert [epoch["t"] for epoch in told["epochs"]] == [40_000.0, 40_000.1]
     unknown = told["epochs"][0]
-    assert unknown["sigma_m"] is None and unknown["heading_deg"] is None
+    assert (
+        unknown["sigma_m"] == [0.015, 0.015, 0.025] and not unknown["sigma_stated"] and unknown["heading_deg"] is None
+    )
 
 
 def test_junk_between_sentences_is_counted_and_passed_over(cli, tmp_path):

@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from workgauge.machine.fields import Name, NotNegative, Number, Positive, Sourced, refusal
+from workgauge.values.navigation import FixQuality
 
 Port = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,31}$")]
 Sigma = tuple[Positive, Positive]
@@ -23,6 +24,18 @@ class FixSigmas(Sourced):
     differential_m: Sigma = (0.7, 1.2)
     single_m: Sigma = (3.0, 5.0)
     source: str | None = "recalled: fixed 0.01-0.02, float 0.1-0.5, differential 0.3-1, single 1.5-5 m"
+
+    def of(self, quality: FixQuality) -> Sigma:
+        """Return the pair of a quality; whatever is none of the three better ones is worth a single fix."""
+        match quality:
+            case FixQuality.FIXED:
+                return self.fixed_m
+            case FixQuality.FLOAT:
+                return self.float_m
+            case FixQuality.DIFFERENTIAL:
+                return self.differential_m
+            case _:
+                return self.single_m
 
 
 class ReceiverSpec(Sourced):

@@ -298,11 +298,7 @@ def believed_covariance(epoch: Epoch, sigmas: FixSigmas) -> Floats:
     With F the configured one of its quality and C the stated, the eigenvalues of F^-1/2 C F^-1/2 below one are
     raised to one.
     """
-    pair = {
-        FixQuality.FIXED: sigmas.fixed_m,
-        FixQuality.FLOAT: sigmas.float_m,
-        FixQuality.DIFFERENTIAL: sigmas.differential_m,
-    }.get(epoch.quality, sigmas.single_m)
+    pair = sigmas.of(epoch.quality)
     root = np.array([pair[0], pair[0], pair[1]])
     stated = epoch.covariance
     if stated is None or not np.isfinite(stated).all():

@@ -62,11 +62,5 @@ def receiver_health(track: Track) -> list[str | None]:
 
 def _sigma(track: Track, i: int, quality: FixQuality, sigmas: FixSigmas) -> float:
     """Return the larger of what the receiver states and what its quality is worth, horizontally [m]."""
-    by_quality = {
-        FixQuality.FIXED: sigmas.fixed_m,
-        FixQuality.FLOAT: sigmas.float_m,
-        FixQuality.DIFFERENTIAL: sigmas.differential_m,
-    }
-    stated = track.sigma_m[i, :2]
-    worth = by_quality.get(quality, sigmas.single_m)[0]
-    return max(worth, *(float(one) for one in stated if math.isfinite(one))) if np.isfinite(stated).any() else worth
+    known = track.sigma_m[i, :2]
+    return max(sigmas.of(quality)[0], *(float(one) for one in known if math.isfinite(one)), 0.0)

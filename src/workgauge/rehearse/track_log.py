@@ -6,13 +6,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workgauge.geodesy.crs import ProjectedCrs
 from workgauge.geodesy.heights import HeightModel
+from workgauge.machine.positioning import FixSigmas
 from workgauge.positioning.epochs import Fix, Gatherer, Instant, fixes_of, times
 from workgauge.rehearse.log_file import LogFile, OnBytes
 from workgauge.values.arrays import Floats, Ints, frozen, frozen_ints
 from workgauge.values.errors import InputError
+from workgauge.values.navigation import FixQuality
 from workgauge.values.ports import Chunk
 from workgauge.wire.stream import StreamDecoder, Tally
 
@@ -31,7 +34,8 @@ class Track:
         t_s: (n,) UTC since 1970 if `utc`, else seconds since the first epoch's midnight.
         instants: (n,) index of the moment each epoch belongs to.
         latitude, longitude: (n,) [rad]. height_ellipsoid_m: (n,). e, n, z: (n,) in the site's system [m].
-        quality: (n,) as in GGA, -1 unknown. sigma_m: (n, 3) east, north, up, as the receiver states it.
+        quality: (n,) as in GGA, -1 unknown. sigma_m: (n, 3) east, north, up: as the receiver states it, else what its
+            quality is worth; sigma_stated: (n,) which of the two.
         correction_age_s: (n,) of the differential correction.
         true_heading, heading: (n,) from true and from grid north, clockwise [rad].
         sources, sentences: (n,) receiver, and what its epoch was put together from.
@@ -52,6 +56,7 @@ class Track:
     z: Floats
     quality: Ints
     sigma_m: Floats
+    sigma_stated: NDArray[np.bool_]
     correction_age_s: Floats
     true_heading: Floats
     heading: Floats
@@ -163,6 +168,7 @@ def track_of(
         z=frozen(z),
         quality=frozen_ints([-1 if fix.quality is None else int(fix.quality) for fix in fixes]),
         sigma_m=frozen([_sigma(fix) for fix in fixes]),
+        sigma_stated=np.array([fix.covariance is not None for fix in fixes], dtype=np.bool_),
         correction_age_s=frozen([fix.correction_age_s for fix in fixes]),
         true_heading=frozen(true_heading),
         heading=frozen(_grid_headings(crs, true_heading, e, n)),
@@ -201,7 +207,10 @@ def _heading_source(instant: Instant) -> str:
 
 def _sigma(fix: Fix) -> tuple[float, float, float]:
     if fix.covariance is None:
-        return math.nan, math.nan, math.nan
+        if not fix.placed or fix.quality in (None, FixQuality.NONE):
+            return math.nan, math.nan, math.nan
+        level, height = FixSigmas().of(fix.quality)
+        return level, level, height
     variances = np.diagonal(fix.covariance)
     with np.errstate(invalid="ignore"):
         east, north, up = np.sqrt(np.where(variances >= 0, variances, np.nan))

@@ -59,6 +59,7 @@ def epochs_object(
             "health": health[i],
             "heading_true_deg": number(true_heading[i], 6),
             "source": track.sources[i] or None,
+            "sigma_stated": bool(track.sigma_stated[i]),
         }
         if machine is not None:
             epoch["machine"] = machine[i]

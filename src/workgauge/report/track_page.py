@@ -154,12 +154,12 @@ def height_chart(track: Track) -> str:
 
 
 def sigma_chart(track: Track) -> str:
-    """Return the receivers' own statement of their error over time: of several, the larger of east and north."""
+    """Return the error, stated or typical of the quality, over time: of several receivers, the larger horizontal one."""
     if len({source for source in track.sources if source}) > 1:
         horizontal = np.fmax(track.sigma_m[:, 0], track.sigma_m[:, 1])
-        return _chart(track, "stated horizontal 1σ", "m", _by_source(track, horizontal), from_zero=True)
+        return _chart(track, "horizontal 1σ", "m", _by_source(track, horizontal), from_zero=True)
     series = [(name, track.sigma_m[:, i]) for i, name in enumerate(("east", "north", "up"))]
-    return _chart(track, "stated 1σ", "m", series, from_zero=True)
+    return _chart(track, "1σ", "m", series, from_zero=True)
 
 
 def heading_chart(track: Track) -> str:
@@ -289,7 +289,7 @@ def render(track: Track, health: Sequence[str | None], health_words: str) -> str
 <section><h2>Health</h2><p>{escape(health_words[:1].upper() + health_words[1:])}.</p>
 {timeline(track, health)}</section>
 <section><h2>Height</h2>{height_chart(track)}</section>
-<section><h2>Error as the receiver states it</h2>{sigma_chart(track)}</section>
+<section><h2>Error as the receiver states it, else typical of the quality</h2>{sigma_chart(track)}</section>
 <section><h2>Heading</h2>{heading_chart(track)}</section>
 <section><h2>The log</h2>{_table(rows)}</section>
 </main>

@@ -177,12 +177,8 @@ class Receiver:
 
 def sigmas_of(file: FixSigmas) -> dict[FixQuality, tuple[float, float]]:
     """Return the 1-sigmas of a machine's file by quality."""
-    return {
-        FixQuality.FIXED: file.fixed_m,
-        FixQuality.FLOAT: file.float_m,
-        FixQuality.DIFFERENTIAL: file.differential_m,
-        FixQuality.SINGLE: file.single_m,
-    }
+    known = (FixQuality.FIXED, FixQuality.FLOAT, FixQuality.DIFFERENTIAL, FixQuality.SINGLE)
+    return {quality: file.of(quality) for quality in known}
 
 
 def measurements(found: Solution, stamp: Stamp, settings: ReceiverSettings) -> dict[str, GnssMeasurement]:
