@@ -154,7 +154,7 @@ def height_chart(track: Track) -> str:
 
 
 def sigma_chart(track: Track) -> str:
-    """Return the error, stated or typical of the quality, over time: of several receivers, the larger horizontal one."""
+    """Return the error, stated or typical of the quality, over time: of several receivers, the horizontal one."""
     if len({source for source in track.sources if source}) > 1:
         horizontal = np.fmax(track.sigma_m[:, 0], track.sigma_m[:, 1])
         return _chart(track, "horizontal 1σ", "m", _by_source(track, horizontal), from_zero=True)
