@@ -233,7 +233,7 @@ def test_antennas_changed_over_are_told() -> None:
         assert ReasonCode.HEADING_DISAGREES in {reason.code for reason in run.located[-1].health.reasons}
 
 
-def test_receivers_beside_the_track_are_believed_and_said() -> None:
+def test_receivers_beside_the_track_stop_the_machine() -> None:
     """The machine stands 3 m beside the track it is told to be on."""
 
     def state(t: float) -> tuple[Floats, Floats]:
@@ -245,9 +245,9 @@ def test_receivers_beside_the_track_are_believed_and_said() -> None:
     run = drive(1.2, state, settings(), on=track())
     last = run.located[-1]
     assert last.fix is not None and last.fix.beside and last.fix.lateral_m == pytest.approx(3.0, abs=0.3)
-    assert any("beside the track" in reason.text for reason in last.health.reasons)
-    errors, sigmas = run.errors()
-    assert (np.abs(errors) / sigmas).max() < 5.33
+    assert last.health.state is HealthState.STOP and last.pose is None
+    assert last.health.reasons[0].code is ReasonCode.SENSOR_DISAGREES
+    assert "beside the track" in last.health.reasons[0].text
 
 
 def test_a_silent_link_sensor_is_named_and_its_posture_grows_old() -> None:

@@ -21,7 +21,7 @@ from workgauge.positioning.headings import course_difference, course_sigma
 from workgauge.positioning.health import judge
 from workgauge.positioning.innovation import Candidate, agreement, sigmas
 from workgauge.positioning.intake import Intake
-from workgauge.positioning.memory import Located, LocatorMemory, PostureMemory, Solved
+from workgauge.positioning.memory import GridFixes, Located, LocatorMemory, PostureMemory, Solved
 from workgauge.positioning.motion import (
     Motion,
     Past,
@@ -143,8 +143,8 @@ class Locator:
         if solved is not None:
             memory = self._taken(memory, solved, accept, seen)
             now = self._now(memory, now_ns)
-        if memory.newest is not None and memory.newest.beside:
-            health = self._beside(health, memory)
+        if memory.solved is not None and memory.solved.fixes.beside:
+            health = self._beside(health, memory.solved.fixes)
         pose = self._pose(memory, now, now_ns) if health.state.usable else None
         return Located(pose, self._posture(memory.posture, now_ns, bool(stale)), health, memory.newest), memory
 
@@ -347,14 +347,14 @@ class Locator:
         stamp = Stamp(self.machine_id, min(arrived, now_ns), SOURCE)
         return Posture(stamp, q, frozen(np.sqrt(covariance.diagonal())), covariance)
 
-    def _beside(self, health: PositionHealth, memory: LocatorMemory) -> PositionHealth:
-        """Return the health with the reason that the receivers do not fit the track."""
-        assert memory.newest is not None and self.spec is not None
+    def _beside(self, health: PositionHealth, fixes: GridFixes) -> PositionHealth:
+        """Return the health of accepted fixes that contradict the track: stop, since either may be wrong."""
         text = (
-            f"receivers lie {memory.newest.lateral_m:+.2f} m beside the track, {memory.newest.lateral_sigmas:.1f} "
-            f"sigma (limit {self.spec.thresholds.innovation_sigmas:g}): the track is not used"
+            f"receivers lie {fixes.lateral_m:+.2f} m beside the track, {fixes.lateral_sigmas:.1f} sigma (limit "
+            f"{self.spec.thresholds.innovation_sigmas:g}): the one or the other is wrong"
         )
-        return replace(health, reasons=(*health.reasons, Reason(ReasonCode.SENSOR_DISAGREES, text)))
+        reasons = (Reason(ReasonCode.SENSOR_DISAGREES, text), *health.reasons)
+        return replace(health, state=HealthState.STOP, reasons=reasons)
 
 
 def _partner(epoch: Epoch, epochs: Sequence[Epoch]) -> Epoch | None:
