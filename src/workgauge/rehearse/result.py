@@ -10,6 +10,10 @@ from workgauge.values.arrays import Floats
 from workgauge.values.limits import Limit
 
 
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 6)
+
+
 @dataclass(frozen=True, slots=True)
 class Intervention:
     """One cause of holding the machine back, from its first tick to its last.
@@ -22,6 +26,7 @@ class Intervention:
         clearance_m: smallest clearance the program believed meanwhile [m].
         scale: smallest share of the wanted speed left meanwhile, 0 to 1.
         text: one line for people.
+        protection_m: the part of that clearance that was not sure. stop_distance_m: at which the approach ends [m].
     """
 
     t_s: float
@@ -33,16 +38,23 @@ class Intervention:
     clearance_m: float | None
     scale: float | None
     text: str
+    protection_m: float | None = None
+    stop_distance_m: float | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return the documented object of the run command."""
         return {
             "t_s": round(self.t_s, 6),
+            "until_s": round(self.until_s, 6),
             "reason": self.reason,
             "link": self.link,
             "limit": self.limit,
-            "clearance_m": None if self.clearance_m is None else round(self.clearance_m, 6),
-            "scale": None if self.scale is None else round(self.scale, 6),
+            "joint": self.joint,
+            "clearance_m": _rounded(self.clearance_m),
+            "protection_m": _rounded(self.protection_m),
+            "stop_distance_m": _rounded(self.stop_distance_m),
+            "scale": _rounded(self.scale),
+            "text": self.text,
         }
 
 
