@@ -51,7 +51,8 @@ def test_exactly_the_documented_object_and_the_report(cli, write, tmp_path: Path
     ]
     assert (data["ticks"], data["simulated_s"], data["entries"]) == (140, 1.4, 0)
     assert {tuple(cause) for cause in data["interventions"]} == {
-        ("t_s", "reason", "link", "limit", "clearance_m", "scale")
+        ("t_s", "until_s", "reason", "link", "limit", "joint", "clearance_m", "protection_m", "stop_distance_m")
+        + ("scale", "text")
     }
     assert any(cause["limit"] == "point:P1-12" for cause in data["interventions"])
     assert 0 < data["tick_ms"]["p50"] <= data["tick_ms"]["p99"] <= data["tick_ms"]["max"]
