@@ -114,6 +114,14 @@ def test_a_wrong_system_is_doubted(cli, log):
     assert "warning" in cli.workgauge("pose", log, "--epsg", 25832).err
 
 
+def test_heights_that_no_sentence_gives_are_warned_of(cli, tmp_path):
+    path = tmp_path / "low.nmea"
+    path.write_bytes(nmea("GPRMC,100000,A,6012.0,N,02454.0,E,0.0,,010126,,,A"))
+    told = cli.workgauge("pose", path, "--epsg", EPSG, "--json").data
+    assert told["epochs"][0]["z"] is None
+    assert any("no height" in warning for warning in told["warnings"])
+
+
 def test_for_people(cli, log):
     answer = cli.workgauge("pose", log, "--epsg", EPSG)
     assert answer.code == 0

@@ -63,3 +63,9 @@ def test_datum_shift(epsg, lat, lon, shift):
     """An older datum lies a hundred metres and more beside what receivers deliver; recomputed in plain PROJ."""
     moved = ProjectedCrs.from_epsg(epsg).datum_shift_m(math.radians(lat), math.radians(lon))
     assert moved == pytest.approx(shift, abs=3.0)
+
+
+def test_where_the_projection_has_no_inverse_there_is_no_grid_heading(recwarn):
+    crs = ProjectedCrs.from_epsg(3879)
+    assert math.isnan(float(crs.grid_heading(1.0, 1e9, 1e9)))
+    assert not recwarn.list

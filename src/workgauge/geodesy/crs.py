@@ -79,8 +79,10 @@ class ProjectedCrs:
 
         Args:
             true_heading: as receivers give it. e, n: where [m].
+
+        NaN where the projection has no inverse.
         """
-        heading = np.mod(np.asarray(true_heading, dtype=np.float64) - self.convergence(e, n), 2 * np.pi)
+        heading = np.mod(np.asarray(true_heading, dtype=np.float64) - _finite(self.convergence(e, n)), 2 * np.pi)
         return np.where(heading >= 2 * np.pi, 0.0, heading)  # a tiny negative angle rounds up to a full turn
 
     def point_scale(self, e: ArrayLike, n: ArrayLike) -> Floats:
@@ -185,6 +187,12 @@ def _checked(crs: pyproj.CRS, value: object) -> ProjectedCrs:
     if not crs.is_projected or not crs.axis_info or crs.geodetic_crs is None:
         raise GeodesyError(
             f"not a projected coordinate system but {crs.type_name}", value=value, allowed="a projected system"
+        )
+    if any(axis.direction == "west" for axis in crs.axis_info):  # its frame is turned or mirrored: headings, left, right
+        raise GeodesyError(
+            f"a coordinate system that counts westwards ({crs.name})",
+            value=value,
+            allowed="a projected system with easting and northing",
         )
     return ProjectedCrs(crs.to_epsg(), crs.name, float(crs.axis_info[0].unit_conversion_factor), crs.to_wkt())
 

@@ -254,8 +254,11 @@ def _doubts(
                 f"{name} stands on another datum than receivers deliver: positions are off by {shift:.0f} m; "
                 "take a system on ETRS89 or WGS 84"
             )
-        if heights.kind != "sentence" and np.isnan(z[geodetic]).all():
-            out.append("no height: the receiver sends no ellipsoidal height, or the grid does not reach there")
+        if np.isnan(z[geodetic]).all():
+            if heights.kind == "sentence":
+                out.append("no height: the receiver sends none above mean sea level")
+            else:
+                out.append("no height: the receiver sends no ellipsoidal height, or the grid does not reach there")
     if len(geodetic) < np.count_nonzero(np.isfinite(e)):
         out.append(f"positions that the receiver sends in its own projection (PTNL,PJK) are taken as {name}")
     return tuple(out)
