@@ -188,7 +188,7 @@ def _checked(crs: pyproj.CRS, value: object) -> ProjectedCrs:
         raise GeodesyError(
             f"not a projected coordinate system but {crs.type_name}", value=value, allowed="a projected system"
         )
-    if any(axis.direction == "west" for axis in crs.axis_info):  # its frame is turned or mirrored: headings, left, right
+    if any(axis.direction == "west" for axis in crs.axis_info):  # turned or mirrored: left, right, every heading
         raise GeodesyError(
             f"a coordinate system that counts westwards ({crs.name})",
             value=value,
