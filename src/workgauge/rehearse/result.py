@@ -11,7 +11,8 @@ from workgauge.values.limits import Limit
 
 
 def _rounded(value: float | None) -> float | None:
-    return None if value is None else round(value, 6)
+    """Return a number for JSON; None without one, and for one without bound (a protection level may be infinite)."""
+    return None if value is None or not np.isfinite(value) else round(value, 6)
 
 
 @dataclass(frozen=True, slots=True)
