@@ -84,6 +84,7 @@ CASES = (
     Case("all link sensors silent", (_fault("silence", sensor="all"),)),
     Case("boom sensor jumps by 8°", (_fault("sensor_jump", sensor="boom imu", offset_deg=8.0),)),
     Case("boom sensor off by 2°", (_fault("sensor_jump", sensor="boom imu", offset_deg=2.0),)),
+    Case("inclinometer off by 2°", (_fault("sensor_jump", sensor="undercarriage tilt", offset_deg=2.0),)),
     Case("swing encoder off by 2°", (_fault("sensor_jump", sensor="swing encoder", offset_deg=-2.0),)),
     Case("swing encoder hangs while swinging", (_fault("frozen", sensor="swing encoder"),), onset_s=1.0),
     Case("one bit in 1,000 bytes flipped, one byte in 1,000 lost", (_fault("bad_bytes"),)),

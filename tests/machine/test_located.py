@@ -152,6 +152,18 @@ def test_a_fault_is_named(tmp_path: Path, fault: str) -> None:
     assert "\n" not in str(error)
 
 
+def test_antennas_one_above_the_other_are_refused(tmp_path: Path) -> None:
+    """The cabin's y axis points up: a mistake easily made."""
+    description = copy.deepcopy(RRE20)
+    left, right = (sensor for sensor in description["sensors"] if sensor["kind"] == "gnss_antenna")
+    left["position_m"] = [right["position_m"][0], right["position_m"][1] + 2.2, right["position_m"][2]]
+    path = tmp_path / "machine.yaml"
+    path.write_text(yaml.safe_dump(description, sort_keys=False))
+    with pytest.raises(MachineError, match="seen from above") as caught:
+        load_machine(path)
+    assert caught.value.element == "positioning.heading.rover" and caught.value.line is not None
+
+
 def test_a_wire_encoder_and_two_talkers_on_one_port(tmp_path: Path) -> None:
     description = copy.deepcopy(RRE20)
     description["sensors"].append(

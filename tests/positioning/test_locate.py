@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import math
+import re
 from collections.abc import Callable
 from functools import lru_cache
 from importlib import resources
@@ -16,6 +17,7 @@ from workgauge.gauge.rulebook import load_rule_book
 from workgauge.geodesy.frame import SiteFrame
 from workgauge.machine.load import load_machine, machine_from
 from workgauge.machine.model import MachineModel
+from workgauge.positioning.attitude import rotation
 from workgauge.positioning.locate import Locator
 from workgauge.positioning.memory import Located, LocatorMemory
 from workgauge.positioning.track import RailTrack
@@ -233,21 +235,33 @@ def test_antennas_changed_over_are_told() -> None:
         assert ReasonCode.HEADING_DISAGREES in {reason.code for reason in run.located[-1].health.reasons}
 
 
-def test_receivers_beside_the_track_stop_the_machine() -> None:
-    """The machine stands 3 m beside the track it is told to be on."""
+@pytest.mark.parametrize(
+    ("shift", "roll", "words"),
+    [
+        ((0.0, 3.0, 0.0), 0.0, r"receivers lie [23]\.\d\d m left of the track"),
+        ((0.0, -0.5, 0.0), 0.0, r"receivers lie 0\.[45]\d m right of the track"),
+        ((0.0, 0.0, 5.0), 0.0, r"receivers lie [45]\.\d\d m above the track"),
+        ((0.0, 0.0, 0.0), 2.0, r"the inclinometer leans [12]\.\d° off the track's cant"),
+    ],
+)
+def test_sensors_that_contradict_the_track_stop_the_machine(
+    shift: tuple[float, float, float], roll: float, words: str
+) -> None:
+    """The machine stands beside or above the track it is told to be on, or leans otherwise."""
 
     def state(t: float) -> tuple[Floats, Floats]:
         q, T = truth(0.0, 0.0)(t)
         T = np.array(T)
-        T[:3, 3] += 3.0 * T[:3, 1]
+        T[:3, 3] += T[:3, :3] @ shift
+        T[:3, :3] = T[:3, :3] @ rotation(np.array([math.radians(roll), 0.0, 0.0]))
         return q, T
 
     run = drive(1.2, state, settings(), on=track())
     last = run.located[-1]
-    assert last.fix is not None and last.fix.beside and last.fix.lateral_m == pytest.approx(3.0, abs=0.3)
+    assert last.fix is not None and re.search(words, last.fix.off_track), last.fix
     assert last.health.state is HealthState.STOP and last.pose is None
     assert last.health.reasons[0].code is ReasonCode.SENSOR_DISAGREES
-    assert "beside the track" in last.health.reasons[0].text
+    assert last.fix.off_track in last.health.reasons[0].text
 
 
 def test_a_silent_link_sensor_is_named_and_its_posture_grows_old() -> None:

@@ -115,7 +115,7 @@ def test_the_pose_comes_back_exactly(seed: int, kind: str, forward: bool) -> Non
     found = solve(exact, which, origin, which.nearest(*(T[:2, 3] + origin[:2])), forward, 0.015, kind=kind)
     assert found is not None
     np.testing.assert_allclose(found.pose.T_site_machine, T, atol=1e-9)
-    assert found.lateral_sigmas < 1e-6 and found.misfit_sigmas < 1e-3
+    assert found.across.sigmas < 1e-6 and found.misfit_sigmas < 1e-3
     # from a start that is metres off, by linearising anew
     off = solve(exact, which, origin, min(max(s + rng.uniform(-3, 3), 0), which.length), forward, 0.015, kind=kind)
     assert off is not None
@@ -143,13 +143,14 @@ def test_weights_are_right_and_the_track_is_the_floor(kind: str, sigma: float) -
         axes = T_track[:3, :3]
         error = np.concatenate([axes.T @ xi[:3], axes.T @ xi[3:]])
         squares.append(float(error @ np.linalg.solve(found.posterior, error)))
-        sigmas.append(found.lateral_sigmas)
+        assert found.above is not None
+        sigmas.append((found.across.sigmas, found.above.sigmas, found.roll.sigmas))
         assert np.linalg.eigvalsh(found.covariance - found.posterior).min() > -1e-12
         np.testing.assert_allclose(found.covariance[1:, 1:], F, rtol=1e-6)
         inside += error @ np.linalg.solve(found.covariance, error) < 12.59  # 95 % of chi squared of six
     assert abs(np.mean(squares) - 6.0) < 5 * math.sqrt(12 / draws)
     assert inside >= 0.95 * draws - 3 * math.sqrt(0.95 * 0.05 * draws)
-    assert abs(np.mean(np.square(sigmas)) - 1.0) < 5 * math.sqrt(2 / draws)
+    assert (np.abs(np.mean(np.square(sigmas), axis=0) - 1.0) < 5 * math.sqrt(2 / draws)).all()
 
 
 def across(found: RailSolution | None) -> float:
@@ -189,7 +190,7 @@ def test_receivers_beside_the_track_are_told() -> None:
         beside[:3, 3] += shift * -T[:3, 1]  # the track's left is the right of a machine facing backward
         found = solve(Exact(MACHINE, beside, random_q(rng, MACHINE)), which, origin, s, False, sigma)
         assert found is not None
-        assert found.lateral_sigmas > 5.0 and found.lateral_m == pytest.approx(shift, rel=0.35)
+        assert found.across.sigmas > 5.0 and found.across.amount == pytest.approx(shift, rel=0.35)
         assert found.misfit_sigmas > 4.0
 
 

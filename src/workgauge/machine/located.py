@@ -29,7 +29,7 @@ def check_positioning(machine: MachineModel) -> None:
         return
     sensors = {sensor.name: sensor for sensor in machine.sensors}
     _receivers(spec, sensors)
-    _heading(spec, sensors)
+    _heading(machine, spec, sensors)
     _named(sensors, (*_TOP, "tilt", "sensor"), spec.tilt.sensor, _TILTING)
     _joints(machine, spec, sensors)
     _thresholds(spec)
@@ -77,7 +77,7 @@ def _receivers(spec: PositioningSpec, sensors: dict[str, Sensor]) -> None:
                 )  # fmt: skip
 
 
-def _heading(spec: PositioningSpec, sensors: dict[str, Sensor]) -> None:
+def _heading(machine: MachineModel, spec: PositioningSpec, sensors: dict[str, Sensor]) -> None:
     place: Place = (*_TOP, "heading")
     heading = spec.heading
     ends = [_named(sensors, (*place, key), getattr(heading, key), ("gnss_antenna",)) for key in ("master", "rover")]
@@ -91,6 +91,16 @@ def _heading(spec: PositioningSpec, sensors: dict[str, Sensor]) -> None:
             f"antennas {length:.3f} m apart give no heading",
             heading.rover,
             f"{SHORTEST_BASELINE_M:g} m or more",
+        )
+    links = machine.forward(machine.home).T_machine_links
+    places = [(links[end.link] @ end.T_link_sensor)[:3, 3] for end in ends]
+    level = math.hypot(*(places[1] - places[0])[:2].tolist())
+    if level < SHORTEST_BASELINE_M:
+        raise DescriptionError(
+            (*place, "rover"),
+            f"antennas that lie {level:.3f} m apart seen from above, at the home posture, give no heading",
+            heading.rover,
+            f"{SHORTEST_BASELINE_M:g} m or more; mind the link's own axes",
         )
     if heading.kind == "two_antennas":
         served = [receiver.antenna for receiver in spec.receivers]

@@ -11,6 +11,8 @@ from workgauge.values.navigation import FixQuality
 
 Port = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,31}$")]
 Sigma = tuple[Positive, Positive]
+#: Whatever comes later than this is of no use to a machine that moves [s].
+Latency = Annotated[NotNegative, Field(le=2.0)]
 
 
 class FixSigmas(Sourced):
@@ -48,7 +50,7 @@ class ReceiverSpec(Sourced):
     antenna: Name = Field(description="a sensor of kind gnss_antenna")
     port: Port = "gnss"
     talker: str | None = Field(default=None, description="only sentences of this talker, if the stream has several")
-    latency_s: NotNegative = Field(default=0.02, description="from the epoch to the arrival of its bytes")
+    latency_s: Latency = Field(default=0.02, description="from the epoch to the arrival of its bytes")
     sigmas: FixSigmas = FixSigmas()
 
 
@@ -59,7 +61,7 @@ class HeadingSpec(Sourced):
     master: Name = Field(description="antenna at the baseline's tail")
     rover: Name = Field(description="antenna at its head")
     port: Port = Field(default="gnss", description="of the heading sentences of a moving base")
-    latency_s: NotNegative = 0.02
+    latency_s: Latency = 0.02
     sigma_deg: Positive = Field(default=0.15, description="of a moving base that states none; a floor where it does")
     shared_error: Annotated[Number, Field(ge=0, le=1)] = Field(
         default=0.5, description="largest share of both antennas' error variance that may be the same for both"
@@ -72,7 +74,7 @@ class TiltSpec(Sourced):
     sensor: Name
     port: Port = "links"
     sigma_deg: Positive = 0.05
-    latency_s: NotNegative = 0.01
+    latency_s: Latency = 0.01
 
 
 class WireCalibration(Sourced):
@@ -114,7 +116,7 @@ class JointSensorSpec(Sourced):
     offset_deg: Number = 0.0
     sigma_deg: Positive | None = Field(default=None, description="1-sigma of the joint; 0.1° if left out")
     sigma_m: Positive | None = Field(default=None, description="1-sigma of a sliding joint or a wire's stroke")
-    latency_s: NotNegative = 0.01
+    latency_s: Latency = 0.01
     calibration: WireCalibration | None = None
 
     @model_validator(mode="after")

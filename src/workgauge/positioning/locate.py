@@ -143,7 +143,7 @@ class Locator:
         if solved is not None:
             memory = self._taken(memory, solved, accept, seen)
             now = self._now(memory, now_ns)
-        if memory.solved is not None and memory.solved.fixes.beside:
+        if memory.solved is not None and memory.solved.fixes.off_track:
             health = self._beside(health, memory.solved.fixes)
         pose = self._pose(memory, now, now_ns) if health.state.usable else None
         return Located(pose, self._posture(memory.posture, now_ns, bool(stale)), health, memory.newest), memory
@@ -349,10 +349,8 @@ class Locator:
 
     def _beside(self, health: PositionHealth, fixes: GridFixes) -> PositionHealth:
         """Return the health of accepted fixes that contradict the track: stop, since either may be wrong."""
-        text = (
-            f"receivers lie {fixes.lateral_m:+.2f} m beside the track, {fixes.lateral_sigmas:.1f} sigma (limit "
-            f"{self.spec.thresholds.innovation_sigmas:g}): the one or the other is wrong"
-        )
+        limit = self.spec.thresholds.innovation_sigmas
+        text = f"{fixes.off_track}, limit {limit:g} sigma: sensors and track contradict each other"
         reasons = (Reason(ReasonCode.SENSOR_DISAGREES, text), *health.reasons)
         return replace(health, state=HealthState.STOP, reasons=reasons)
 

@@ -38,17 +38,14 @@ class GridFixes:
     Attributes:
         valid_ns: on the tick's clock. antennas: one or two.
         heading: of the undercarriage, clockwise from grid north [rad]; of the receivers alone, NaN without.
-        lateral_m, lateral_sigmas: on rails, what the receivers say of the place across the track, left of it
-            positive, and that over what both are sure of; NaN off rails.
-        beside: they lie too far off the track for it to be the one stood on, and the pose is the receivers' own.
+        off_track: in words, how receivers and inclinometer contradict the track they are said to stand on; the pose
+            is then their own. Empty where they fit it, and off rails.
     """
 
     valid_ns: int
     antennas: tuple[GridFix, ...]
     heading: float
-    lateral_m: float = math.nan
-    lateral_sigmas: float = math.nan
-    beside: bool = False
+    off_track: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -46,6 +46,19 @@ _ROUNDS = 4
 _TINY = 1e-14
 
 
+@dataclass(frozen=True, slots=True)
+class Misfit:
+    """What the sensors alone say, less the track.
+
+    Attributes:
+        amount: [m] to the left of it or above it, [rad] of roll.
+        sigmas: that over its own uncertainty and the track's together.
+    """
+
+    amount: float
+    sigmas: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RailSolution:
     """A pose on rails, and how well the receivers fit the track.
@@ -56,8 +69,8 @@ class RailSolution:
         curvature: of the track there, positive to the left [1/m].
         covariance: (6, 6) of (along, across, up, roll, pitch, yaw) in the track's axes, as handed on.
         posterior: (6, 6) of the same by the weights alone.
-        lateral_m: what the receivers alone say of the place across, less the track, left positive [m].
-        lateral_sigmas: that over its own uncertainty and the track's together.
+        across, above, roll: how receivers and inclinometer fit the track; `above` is none where the alignment has no
+            heights of its own.
         misfit_sigmas: of all residuals together.
     """
 
@@ -67,8 +80,9 @@ class RailSolution:
     curvature: float
     covariance: Floats
     posterior: Floats
-    lateral_m: float
-    lateral_sigmas: float
+    across: Misfit
+    above: Misfit | None
+    roll: Misfit
     misfit_sigmas: float
 
 
@@ -174,7 +188,7 @@ def on_rails(
         if abs(found.state[0]) < RELINEARISE_M:
             break
         s = s_found
-    return _handed_on(found, G, T, s_found, forward, curvature, n)
+    return _handed_on(found, G, T, s_found, forward, curvature, n, track.profiled)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,7 +219,7 @@ def _weighted(H: Floats, r: Floats, N: Floats, S: Floats, prior: Floats) -> _Wei
 
 
 def _handed_on(
-    found: _Weighted, G: Floats, T: Floats, distance: float, forward: bool, curvature: float, n: int
+    found: _Weighted, G: Floats, T: Floats, distance: float, forward: bool, curvature: float, n: int, profiled: bool
 ) -> RailSolution:
     P = np.array(found.covariance)
     P[1:, 1:] = found.prior
@@ -217,8 +231,6 @@ def _handed_on(
     pose = PoseSolution(
         frozen(T_found), frozen(0.5 * (covariance + covariance.T)), frozen(G @ found.noise_cross[:, -n:])
     )
-    spread = max(float(found.prior[0, 0] - found.covariance[1, 1]), 0.0)
-    across = float(found.state[1])
     return RailSolution(
         pose=pose,
         distance=distance,
@@ -226,10 +238,18 @@ def _handed_on(
         curvature=curvature,
         covariance=frozen(P),
         posterior=frozen(found.covariance),
-        lateral_m=across * float(found.prior[0, 0]) / spread if spread > 0.0 else 0.0,
-        lateral_sigmas=abs(across) / math.sqrt(spread) if spread > 0.0 else 0.0,
+        across=_misfit(found, 0),
+        above=_misfit(found, 1) if profiled else None,
+        roll=_misfit(found, 2),
         misfit_sigmas=equivalent_sigmas(found.chi2, found.degrees),
     )
+
+
+def _misfit(found: _Weighted, i: int) -> Misfit:
+    """Return what the measurements say of the track's i-th axis (across, up, roll), its prior taken out again."""
+    moved, prior = float(found.state[1 + i]), float(found.prior[i, i])
+    spread = prior - float(found.covariance[1 + i, 1 + i])
+    return Misfit(moved * prior / spread, abs(moved) / math.sqrt(spread)) if spread > 0.0 else Misfit(0.0, 0.0)
 
 
 def _linear(track: RailTrack, s: float, forward: bool, origin: Floats) -> tuple[Floats, Floats, float, float]:

@@ -200,7 +200,8 @@ class EpochSolver:
         epochs = [epoch for _, epoch in given.epochs]
         T = free.T_site_machine
         yaw, yaw_sigma = math.atan2(T[1, 0], T[0, 0]), math.sqrt(max(0.0, float(free.covariance[5, 5])))
-        beside = rails is not None and rails.lateral_sigmas > limits.innovation_sigmas
+        off_track = "" if rails is None else contradiction(rails, limits.innovation_sigmas)
+        beside = bool(off_track)
         used = free if rails is None or beside else rails.pose
         difference, sigma = self._compared(given, known, fixes, antennas, None if beside else rails, yaw, yaw_sigma)
         tolerance = max(math.radians(limits.heading_deg), limits.innovation_sigmas * sigma)
@@ -221,9 +222,7 @@ class EpochSolver:
             epochs[0].valid_ns,
             fixes,
             heading,
-            math.nan if rails is None else rails.lateral_m,
-            math.nan if rails is None else rails.lateral_sigmas,
-            beside,
+            off_track,
         )
         ages = [epoch.correction_age_s for epoch in epochs if math.isfinite(epoch.correction_age_s)]
         return Solved(
@@ -290,6 +289,22 @@ class EpochSolver:
             unit = way / max(measured, 1e-9)
             return measured - known, math.sqrt(float(unit @ (antennas[0].covariance + antennas[1].covariance) @ unit))
         return (math.nan if timed is None else timed.heading.baseline_m - known), math.nan
+
+
+def contradiction(rails: RailSolution, sigmas: float) -> str:
+    """Return in words where the sensors contradict the track by more than so many sigmas; empty where they do not."""
+    across, above, roll = rails.across, rails.above, rails.roll
+    words = []
+    if across.sigmas > sigmas:
+        side = "left" if across.amount > 0.0 else "right"
+        words.append(f"receivers lie {abs(across.amount):.2f} m {side} of the track ({across.sigmas:.1f} sigma)")
+    if above is not None and above.sigmas > sigmas:
+        side = "above" if above.amount > 0.0 else "below"
+        words.append(f"receivers lie {abs(above.amount):.2f} m {side} the track ({above.sigmas:.1f} sigma)")
+    if roll.sigmas > sigmas:
+        turned = abs(math.degrees(roll.amount))
+        words.append(f"the inclinometer leans {turned:.1f}° off the track's cant ({roll.sigmas:.1f} sigma)")
+    return ", ".join(words)
 
 
 def believed_covariance(epoch: Epoch, sigmas: FixSigmas) -> Floats:

@@ -63,6 +63,11 @@ class RailTrack:
         return cls(alignment, rotation, height_m=height_m, filled=filled)
 
     @property
+    def profiled(self) -> bool:
+        """Whether its heights are the alignment's own everywhere."""
+        return self._filled is None
+
+    @property
     def length(self) -> float:
         """Length of the alignment [m]."""
         return self.alignment.length
