@@ -264,6 +264,13 @@ def test_sensors_that_contradict_the_track_stop_the_machine(
     assert last.fix.off_track in last.health.reasons[0].text
 
 
+def test_a_receiver_that_was_never_heard_is_named() -> None:
+    fault = Fault(FaultKind.SILENCE, from_ns=0, receiver="right receiver")
+    run = drive(0.5, truth(0.0, 0.0), settings(faults=(fault,)))
+    texts = [reason.text for reason in run.located[-1].health.reasons]
+    assert texts[0] == "no fix heard of right receiver, port gnss-right" and not any("left" in text for text in texts)
+
+
 def test_a_silent_link_sensor_is_named_and_its_posture_grows_old() -> None:
     fault = Fault(FaultKind.SILENCE, from_ns=800_000_000, sensor="stick imu")
     run = drive(1.2, truth(0.0, 0.0), settings(faults=(fault,)))

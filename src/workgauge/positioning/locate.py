@@ -145,6 +145,8 @@ class Locator:
             now = self._now(memory, now_ns)
         if memory.solved is not None and memory.solved.fixes.off_track:
             health = self._beside(health, memory.solved.fixes)
+        if health.state is HealthState.STOP and memory.solved is None:
+            health = replace(health, reasons=(*self._unheard(memory), *health.reasons))
         pose = self._pose(memory, now, now_ns) if health.state.usable else None
         return Located(pose, self._posture(memory.posture, now_ns, bool(stale)), health, memory.newest), memory
 
@@ -346,6 +348,13 @@ class Locator:
         arrived = min(memory.recent[-1].valid_ns) if stale else now_ns
         stamp = Stamp(self.machine_id, min(arrived, now_ns), SOURCE)
         return Posture(stamp, q, frozen(np.sqrt(covariance.diagonal())), covariance)
+
+    def _unheard(self, memory: LocatorMemory) -> tuple[Reason, ...]:
+        """Return a reason for each receiver needed that gave no fix yet."""
+        silent = [self.spec.receivers[i] for i in self._solver.receivers if not memory.heard[i].epochs]
+        return tuple(
+            Reason(ReasonCode.POSITION_LOST, f"no fix heard of {one.name}, port {one.port}") for one in silent
+        )
 
     def _beside(self, health: PositionHealth, fixes: GridFixes) -> PositionHealth:
         """Return the health of accepted fixes that contradict the track: stop, since either may be wrong."""
