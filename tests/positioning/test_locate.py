@@ -236,16 +236,17 @@ def test_antennas_changed_over_are_told() -> None:
 
 
 @pytest.mark.parametrize(
-    ("shift", "roll", "words"),
+    ("shift", "turn_deg", "words"),
     [
-        ((0.0, 3.0, 0.0), 0.0, r"receivers lie [23]\.\d\d m left of the track"),
-        ((0.0, -0.5, 0.0), 0.0, r"receivers lie 0\.[45]\d m right of the track"),
-        ((0.0, 0.0, 5.0), 0.0, r"receivers lie [45]\.\d\d m above the track"),
-        ((0.0, 0.0, 0.0), 2.0, r"the inclinometer leans [12]\.\d° off the track's cant"),
+        ((0.0, 3.0, 0.0), (0.0, 0.0, 0.0), r"receivers lie [23]\.\d\d m left of the track"),
+        ((0.0, -0.5, 0.0), (0.0, 0.0, 0.0), r"receivers lie 0\.[45]\d m right of the track"),
+        ((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), r"receivers lie [45]\.\d\d m above the track"),
+        ((0.0, 0.0, 0.0), (2.0, 0.0, 0.0), r"the inclinometer leans [12]\.\d° off the track's cant"),
+        ((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), r"the inclinometer leans [01]\.\d° off the track's gradient"),
     ],
 )
 def test_sensors_that_contradict_the_track_stop_the_machine(
-    shift: tuple[float, float, float], roll: float, words: str
+    shift: tuple[float, float, float], turn_deg: tuple[float, float, float], words: str
 ) -> None:
     """The machine stands beside or above the track it is told to be on, or leans otherwise."""
 
@@ -253,7 +254,7 @@ def test_sensors_that_contradict_the_track_stop_the_machine(
         q, T = truth(0.0, 0.0)(t)
         T = np.array(T)
         T[:3, 3] += T[:3, :3] @ shift
-        T[:3, :3] = T[:3, :3] @ rotation(np.array([math.radians(roll), 0.0, 0.0]))
+        T[:3, :3] = T[:3, :3] @ rotation(np.radians(turn_deg))
         return q, T
 
     run = drive(1.2, state, settings(), on=track())

@@ -143,8 +143,8 @@ def test_weights_are_right_and_the_track_is_the_floor(kind: str, sigma: float) -
         axes = T_track[:3, :3]
         error = np.concatenate([axes.T @ xi[:3], axes.T @ xi[3:]])
         squares.append(float(error @ np.linalg.solve(found.posterior, error)))
-        assert found.above is not None
-        sigmas.append((found.across.sigmas, found.above.sigmas, found.roll.sigmas))
+        assert found.above is not None and found.pitch is not None
+        sigmas.append((found.across.sigmas, found.above.sigmas, found.roll.sigmas, found.pitch.sigmas))
         assert np.linalg.eigvalsh(found.covariance - found.posterior).min() > -1e-12
         np.testing.assert_allclose(found.covariance[1:, 1:], F, rtol=1e-6)
         inside += error @ np.linalg.solve(found.covariance, error) < 12.59  # 95 % of chi squared of six

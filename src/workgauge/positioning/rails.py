@@ -51,7 +51,7 @@ class Misfit:
     """What the sensors alone say, less the track.
 
     Attributes:
-        amount: [m] to the left of it or above it, [rad] of roll.
+        amount: [m] to the left of it or above it, [rad] of roll or pitch.
         sigmas: that over its own uncertainty and the track's together.
     """
 
@@ -69,8 +69,8 @@ class RailSolution:
         curvature: of the track there, positive to the left [1/m].
         covariance: (6, 6) of (along, across, up, roll, pitch, yaw) in the track's axes, as handed on.
         posterior: (6, 6) of the same by the weights alone.
-        across, above, roll: how receivers and inclinometer fit the track; `above` is none where the alignment has no
-            heights of its own.
+        across, above, roll, pitch: how receivers and inclinometer fit the track; `above` and `pitch` are None where
+            the alignment has no heights of its own.
         misfit_sigmas: of all residuals together.
     """
 
@@ -83,6 +83,7 @@ class RailSolution:
     across: Misfit
     above: Misfit | None
     roll: Misfit
+    pitch: Misfit | None
     misfit_sigmas: float
 
 
@@ -241,12 +242,13 @@ def _handed_on(
         across=_misfit(found, 0),
         above=_misfit(found, 1) if profiled else None,
         roll=_misfit(found, 2),
+        pitch=_misfit(found, 3) if profiled else None,
         misfit_sigmas=equivalent_sigmas(found.chi2, found.degrees),
     )
 
 
 def _misfit(found: _Weighted, i: int) -> Misfit:
-    """Return what the measurements say of the track's i-th axis (across, up, roll), its prior taken out again."""
+    """Return what the measurements say of the track's axis i (across, up, roll, pitch), its prior taken out."""
     moved, prior = float(found.state[1 + i]), float(found.prior[i, i])
     spread = prior - float(found.covariance[1 + i, 1 + i])
     return Misfit(moved * prior / spread, abs(moved) / math.sqrt(spread)) if spread > 0.0 else Misfit(0.0, 0.0)

@@ -293,7 +293,7 @@ class EpochSolver:
 
 def contradiction(rails: RailSolution, sigmas: float) -> str:
     """Return in words where the sensors contradict the track by more than so many sigmas; empty where they do not."""
-    across, above, roll = rails.across, rails.above, rails.roll
+    across, above, roll, pitch = rails.across, rails.above, rails.roll, rails.pitch
     words = []
     if across.sigmas > sigmas:
         side = "left" if across.amount > 0.0 else "right"
@@ -304,6 +304,9 @@ def contradiction(rails: RailSolution, sigmas: float) -> str:
     if roll.sigmas > sigmas:
         turned = abs(math.degrees(roll.amount))
         words.append(f"the inclinometer leans {turned:.1f}° off the track's cant ({roll.sigmas:.1f} sigma)")
+    if pitch is not None and pitch.sigmas > sigmas:
+        turned = abs(math.degrees(pitch.amount))
+        words.append(f"the inclinometer leans {turned:.1f}° off the track's gradient ({pitch.sigmas:.1f} sigma)")
     return ", ".join(words)
 
 
