@@ -13,15 +13,13 @@ from workgauge.bus import serial as module
 from workgauge.bus.serial import SerialPort
 from workgauge.values.errors import InputError
 
-pty = pytest.importorskip("pty", reason="pseudo-terminals are of POSIX systems")
-
 SENTENCE = b"$GPGLL,5012.790800,N,00806.879600,W,130711,A,D*5B\r\n"
 
 
 @pytest.fixture
-def terminal():
+def terminal(pseudo_terminals):
     """The far end's file descriptor and the near end's device name."""
-    far, near = pty.openpty()
+    far, near = os.openpty()
     tty.setraw(near)
     tty.setraw(far)
     name = os.ttyname(near)
@@ -96,12 +94,12 @@ def test_unplugging_is_a_fault_in_words_and_no_bytes(terminal):
         assert port.read() == []
 
 
-def test_a_device_that_comes_back_is_read_again(tmp_path, monkeypatch):
+def test_a_device_that_comes_back_is_read_again(pseudo_terminals, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "REOPEN_S", 0.02)
     link = tmp_path / "receiver"
 
     def plug() -> tuple[int, int]:
-        far, near = pty.openpty()
+        far, near = os.openpty()
         tty.setraw(near)
         link.symlink_to(os.ttyname(near))
         return far, near

@@ -276,8 +276,7 @@ class _Ends:
             os.write(self.pairs[port][0], data)
 
 
-def test_serial_ports_in_real_time(sent, site, machine):
-    pytest.importorskip("pty", reason="pseudo-terminals are of POSIX systems")
+def test_serial_ports_in_real_time(pseudo_terminals, sent, site, machine):
     ports = receiver_ports(machine.positioning)
     with _Ends(sent, ports) as ends:
         receivers = PortReceivers([(ends.names[port], 115_200, port) for port in ports], patience_s=5.0)
@@ -303,8 +302,7 @@ def pose_along(site, T, frame) -> float:
     return float(track.project([frame.to_absolute(T[:3, 3])[:2]])[0][0])
 
 
-def test_a_silent_port_is_refused_after_patience(site, machine):
-    pytest.importorskip("pty", reason="pseudo-terminals are of POSIX systems")
+def test_a_silent_port_is_refused_after_patience(pseudo_terminals, site, machine):
     ports = receiver_ports(machine.positioning)
     with _Ends([], ports) as ends:
         receivers = PortReceivers([(ends.names[port], 115_200, port) for port in ports], patience_s=0.3)
