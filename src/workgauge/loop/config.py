@@ -1,6 +1,6 @@
 """What the tick is told once and for all."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from workgauge.drive.ideal import IdealDrive
@@ -121,18 +121,26 @@ def tick_config(
         motion=MotionConfig(**settings),
         drive=IdealDrive.of(machine),
         max_step=(step,) * machine.n,
-        gate=GateConfig(
-            machine_id=machine_id,
-            source="gate",
-            joints=machine.n,
-            valve_limit=VALVE_FULL,
-            max_step=(step,) * machine.n,
-            posture_age_ns=round(GATE_PATIENCE * posture_age_s * 1e9),
-            pose_age_ns=round(GATE_PATIENCE * pose_age_s * 1e9),
-            intent_age_ns=round(GATE_PATIENCE * intent_age_s * 1e9),
-            command_age_ns=round(dt_s * 1e9),
-            exclusive_groups=machine.exclusive_groups,
-        ),
+        gate=_gate_config(machine, machine_id, step, dt_s, ages),
+    )
+
+
+def _gate_config(
+    machine: MachineModel, machine_id: str, step: int, dt_s: float, ages_s: Mapping[str, float]
+) -> GateConfig:
+    """Return a gate as strict as the tick, and as patient as it must be to let the tick speak first."""
+    oldest_ns = {name: round(GATE_PATIENCE * age * 1e9) for name, age in ages_s.items()}
+    return GateConfig(
+        machine_id=machine_id,
+        source="gate",
+        joints=machine.n,
+        valve_limit=VALVE_FULL,
+        max_step=(step,) * machine.n,
+        posture_age_ns=oldest_ns["posture_age_s"],
+        pose_age_ns=oldest_ns["pose_age_s"],
+        intent_age_ns=oldest_ns["intent_age_s"],
+        command_age_ns=round(dt_s * 1e9),
+        exclusive_groups=machine.exclusive_groups,
     )
 
 
