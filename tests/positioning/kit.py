@@ -9,10 +9,10 @@ import numpy as np
 from workgauge.machine.load import machine_from
 from workgauge.machine.model import MachineModel
 from workgauge.positioning.antennas import PlacedAntenna, Tilt
-from workgauge.positioning.attitude import rotation, rotation_vector, up_seen, up_sides
+from workgauge.positioning.attitude import up_seen, up_sides
 from workgauge.positioning.posture import PostureSolver, Reading
 from workgauge.values.arrays import Floats
-from workgauge.values.transforms import rpy
+from workgauge.values.transforms import rotation, rotation_vector, rpy
 
 
 def random_machine(rng: np.random.Generator, tilt_link: int | None = None, antenna_link: int = 1) -> MachineModel:

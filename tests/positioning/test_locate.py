@@ -17,7 +17,6 @@ from workgauge.gauge.rulebook import load_rule_book
 from workgauge.geodesy.frame import SiteFrame
 from workgauge.machine.load import load_machine, machine_from
 from workgauge.machine.model import MachineModel
-from workgauge.positioning.attitude import rotation
 from workgauge.positioning.locate import Locator
 from workgauge.positioning.memory import Located, LocatorMemory
 from workgauge.positioning.track import RailTrack
@@ -31,6 +30,7 @@ from workgauge.values.arrays import Floats
 from workgauge.values.health import HealthState
 from workgauge.values.navigation import FixQuality, Measurement
 from workgauge.values.reasons import ReasonCode
+from workgauge.values.transforms import rotation
 from workgauge.wire.stream import StreamDecoder
 
 from .kit import pose_error

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from workgauge.positioning.attitude import yaw_rotation
 from workgauge.positioning.motion import (
     Motion,
     Past,
@@ -18,6 +17,7 @@ from workgauge.positioning.motion import (
     slope,
 )
 from workgauge.values.navigation import FixQuality
+from workgauge.values.transforms import rotation_z
 
 from .kit import moved, random_pose
 
@@ -55,7 +55,7 @@ def test_an_arc_is_followed(seed: int, speed: float, w: float, dt: float) -> Non
     out, covariance, _ = carried(T, np.eye(6) * 1e-4, motion, dt)
     exact, steps = np.array(T), 400
     for _ in range(steps):
-        half = yaw_rotation(0.5 * w * dt / steps)
+        half = rotation_z(0.5 * w * dt / steps)[:3, :3]
         exact[:3, 3] += half @ exact[:3, 0] * speed * dt / steps
         exact[:3, :3] = half @ half @ exact[:3, :3]
     # the chord of an arc is shorter than the arc by (w dt)^2 / 24

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from workgauge.geodesy.crs import ProjectedCrs
 from workgauge.machine.load import load_machine
-from workgauge.positioning.attitude import rotation
 from workgauge.positioning.memory import Bent, GridFix, GridFixes, PostureMemory, Solved
 from workgauge.positioning.motion import Motion
 from workgauge.positioning.rates import antenna_velocity, gyro_rate
 from workgauge.values.arrays import Floats
 from workgauge.values.measurements import Stamp
 from workgauge.values.navigation import AngularRate, FixQuality, GnssVelocity
+from workgauge.values.transforms import rotation
 
 from .kit import random_pose, random_q
 

@@ -26,8 +26,9 @@ from typing import NamedTuple
 import numpy as np
 
 from workgauge.machine.model import Kinematics, MachineModel
-from workgauge.positioning.attitude import level, skew, yaw_rotation
+from workgauge.positioning.attitude import level
 from workgauge.values.arrays import Floats, frozen
+from workgauge.values.transforms import rotation_z, skew
 
 #: Antennas nearer to each other in plan than this give no heading [m].
 SHORTEST_BASELINE_M = 0.1
@@ -133,7 +134,7 @@ def two_antenna_pose(
     if min(math.hypot(arm[0], arm[1]), math.hypot(measured[0], measured[1])) < SHORTEST_BASELINE_M:
         return None
     yaw = math.atan2(measured[1], measured[0]) - math.atan2(arm[1], arm[0])
-    R = yaw_rotation(yaw) @ attitude.turn
+    R = rotation_z(yaw)[:3, :3] @ attitude.turn
     B = R @ (arms[1] - arms[0])
     n = np.array([-B[1], B[0], 0.0]) / (B[0] ** 2 + B[1] ** 2)
     weights = _weights(master.covariance, rover.covariance)
@@ -185,7 +186,7 @@ def moving_base_pose(
     arm = attitude.turn @ along
     if math.hypot(arm[0], arm[1]) < SHORTEST_BASELINE_M:
         return None
-    R = yaw_rotation(azimuth - math.atan2(arm[1], arm[0])) @ attitude.turn
+    R = rotation_z(azimuth - math.atan2(arm[1], arm[0]))[:3, :3] @ attitude.turn
     B = R @ along
     n = np.array([-B[1], B[0], 0.0]) / (B[0] ** 2 + B[1] ** 2)
     gain = np.zeros((6, 7 + machine.n))  # of (e, azimuth, du of the link, dq)

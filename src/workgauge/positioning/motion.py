@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from workgauge.positioning.attitude import yaw_rotation
 from workgauge.values.arrays import Floats
 from workgauge.values.navigation import FixQuality
+from workgauge.values.transforms import rotation_z
 
 #: Solutions so old still count for the velocity [s]; fewer than this give none [s].
 HISTORY_S, SHORTEST_S = 0.6, 0.2
@@ -139,7 +139,7 @@ def carried(
         out[1, 3] += s * vx + c * vy
         out[2, 3] += vz * dt_s
         if motion.yaw_rate:
-            out[:3, :3] = yaw_rotation(2.0 * half) @ T[:3, :3]
+            out[:3, :3] = rotation_z(2.0 * half)[:3, :3] @ T[:3, :3]
         if ratio:
             grown *= (1.0 + ratio) ** 2 + ratio**2
     over = 0.0 if motion.over_s == math.inf else motion.over_s

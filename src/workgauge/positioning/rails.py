@@ -31,10 +31,10 @@ from workgauge.positioning.antennas import (
     levelled,
     shared_covariance,
 )
-from workgauge.positioning.attitude import rotation, rotation_vector, skew
 from workgauge.positioning.innovation import equivalent_sigmas
 from workgauge.positioning.track import RailTrack
 from workgauge.values.arrays import Floats, frozen
+from workgauge.values.transforms import rotation, rotation_vector, skew
 
 #: The track is linearised anew if the place found lies farther than this from where it was linearised [m].
 RELINEARISE_M = 0.05

@@ -7,11 +7,11 @@ import numpy as np
 
 from workgauge.geodesy.crs import ProjectedCrs
 from workgauge.machine.model import Kinematics, MachineModel
-from workgauge.positioning.attitude import skew
 from workgauge.positioning.memory import PostureMemory, Solved
 from workgauge.positioning.motion import Motion
 from workgauge.values.arrays import Floats
 from workgauge.values.navigation import AngularRate, GnssVelocity
+from workgauge.values.transforms import skew
 
 #: 1-sigma of what states none: a receiver's velocity [m/s], a gyro's rate [rad/s].
 VELOCITY_SIGMA, GYRO_SIGMA = 0.05, 0.01

@@ -28,6 +28,7 @@ from workgauge.positioning.timing import Epoch, TimedHeading
 from workgauge.positioning.track import RailTrack
 from workgauge.values.arrays import Floats, freeze, frozen
 from workgauge.values.navigation import FixQuality
+from workgauge.values.transforms import heading_from_yaw
 
 #: Qualities a position is worked with, worst first.
 USED = (FixQuality.SINGLE, FixQuality.PPS, FixQuality.DIFFERENTIAL, FixQuality.FLOAT, FixQuality.FIXED)
@@ -217,7 +218,7 @@ class EpochSolver:
             shown = turned_by_heights(measured, T[:3, :3] @ arm, S, limits.innovation_sigmas)
             swapped = swapped or shown is True
         along, distance, curvature = self._rails_of(used, rails, beside)
-        heading = (math.pi / 2 - yaw) % (2.0 * math.pi)
+        heading = heading_from_yaw(yaw)
         grid = GridFixes(
             epochs[0].valid_ns,
             fixes,

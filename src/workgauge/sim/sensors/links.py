@@ -9,11 +9,12 @@ from workgauge.machine.model import MachineModel
 from workgauge.machine.parts import Sensor
 from workgauge.sim.sensors.faults import FaultKind, one
 from workgauge.sim.sensors.line import Line, Wiring
-from workgauge.sim.sensors.motion import Motion, rotation
+from workgauge.sim.sensors.motion import Motion
 from workgauge.sim.sensors.randomness import White, generator
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.measurements import Stamp
 from workgauge.values.navigation import AngularRate, EncoderReading, Inclination, LinkMeasurement
+from workgauge.values.transforms import rotation
 from workgauge.wire.messages import SEQUENCE_MODULUS, encode
 
 

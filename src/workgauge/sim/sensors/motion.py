@@ -1,12 +1,12 @@
 """The machine's true motion between two looks at it: where points of its links are, how fast they move and turn."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from workgauge.machine.model import Kinematics, MachineModel
 from workgauge.values.arrays import Floats, Ints
+from workgauge.values.transforms import rotation, rotation_vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,26 +85,3 @@ def motion_at(machine: MachineModel, before: TrueState, after: TrueState, t_ns: 
         T[:3, :3] = rotation(-turn * left_s) @ T[:3, :3]
         T[:3, 3] -= velocity * left_s
     return Motion(t_ns, T, machine.forward(q), q_rate, velocity, turn)
-
-
-def rotation_vector(R: Floats) -> Floats:
-    """Return the rotation vector (3,) of a rotation matrix [rad], for turns well below half a turn."""
-    axis = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    sine = float(np.linalg.norm(axis))
-    if sine == 0.0:
-        return axis
-    angle = math.atan2(sine, 0.5 * (float(np.trace(R)) - 1.0))
-    vector: Floats = axis * (angle / sine)
-    return vector
-
-
-def rotation(vector: Floats) -> Floats:
-    """Return the rotation matrix (3, 3) of a rotation vector [rad] (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    x, y, z = vector.tolist()
-    K: Floats = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    if angle < 1e-12:
-        K += np.eye(3)
-        return K
-    R: Floats = np.eye(3) + math.sin(angle) / angle * K + (1.0 - math.cos(angle)) / angle**2 * (K @ K)
-    return R
