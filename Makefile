@@ -49,6 +49,7 @@ bench: $(VENV)/.bench
 	$(PY) benchmarks/site.py --json
 	$(PY) benchmarks/tick.py --json
 	$(PY) benchmarks/decode.py --json
+	$(PY) benchmarks/travel.py --json
 
 # Re-resolve the pinned versions. The lock names versions and hashes, never a host.
 lock: $(VENV)/.python
