@@ -2,9 +2,8 @@
 
     python benchmarks/travel.py --json
 
-Prints `{"ticks", "travelled_m", "standing_ms", "travelling_ms", "ratio"}`, times as `{"p50", "p90"}` of the tick alone
-[ms], on simulated receivers, beside the open track of the shipped site. Taking turns, both see the same load of the
-computer.
+Prints `{"ticks", "travelled_m", "standing_ms", "travelling_ms", "ratio"}`; times are `{"p50", "p90"}` of the tick
+alone, on simulated receivers, beside the open track of the shipped site. Taking turns, both see the same load.
 """
 
 import argparse
