@@ -48,6 +48,8 @@ prove: $(VENV)/.test
 bench: $(VENV)/.bench
 	$(PY) benchmarks/site.py --json
 	$(PY) benchmarks/tick.py --json
+	$(PY) benchmarks/decode.py --json
+	$(PY) benchmarks/travel.py --json
 
 # Re-resolve the pinned versions. The lock names versions and hashes, never a host.
 lock: $(VENV)/.python

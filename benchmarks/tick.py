@@ -5,6 +5,8 @@ poles on both sides, 10 m apart along the track. So the same few are near, wheth
 
 - `workgauge_ms`: everything between sensor values and valve bytes: freshness, kinematics, clearances within 8 m of
   every box of the machine (limits and own links), levers to joint velocities, distance rows, guard, drive, gate.
+- `unsure_ms`: the same with pose and joints as sure as two RTK receivers and good joint sensors make them, so that
+  each clearance gets a protection level of its own; in `workgauge_ms` they are exact.
 - `pink_ms`: `Configuration.update` with the same boxes and pairs as a pinocchio collision model, then `solve_ik`: a
   posture task for the same joint velocity, joint and speed limits, and `SelfCollisionBarrier`, its barrier for pairs
   of bodies, told to keep only the 16 nearest. No freshness, no drive, no gate.
@@ -56,6 +58,7 @@ GROUND_M = -0.6
 ID = "benchmark"
 DT_S = 0.02
 POSTURES = 100
+POSITION_SIGMA_M, TURN_SIGMA, JOINT_SIGMA = (0.015, 0.015, 0.025), (0.001, 0.001, 0.0026), 0.0018
 
 
 @dataclass(frozen=True)
@@ -121,14 +124,16 @@ def measured(step: Callable[[int], object], runs: int) -> float:
     return 1e3 * statistics.median(times)
 
 
-def workgauge_step(given: Job, limits: list[Limit]) -> Callable[[int], object]:
-    """A whole tick on the next posture, the gate open and the swing lever out."""
+def workgauge_step(given: Job, limits: list[Limit], *, unsure: bool = False) -> Callable[[int], object]:
+    """A whole tick on the next posture, the gate open and the swing lever out, unsure of pose and joints or not."""
     config: TickConfig = tick_config(
         given.machine, guard_named("linear"), machine_id=ID, dt_s=DT_S, radius_m=SEARCH_M
     )
     scene = Scene(given.machine, limits)
     state = {"memory": first_memory(config), "ticks": 0}
-    pose = np.eye(4)
+    pose = frozen(np.eye(4))
+    covariance = frozen(np.diag(np.square([*POSITION_SIGMA_M, *TURN_SIGMA])) * unsure)
+    joint_sigma = frozen(np.full(given.machine.n, JOINT_SIGMA) * unsure)
     period_ns = round(DT_S * 1e9)
 
     def step(k: int) -> object:
@@ -139,8 +144,8 @@ def workgauge_step(given: Job, limits: list[Limit]) -> Callable[[int], object]:
         levers = Levers() if opening else Levers(left_x=0.8, right_y=-0.3)
         inputs = TickInputs(
             now,
-            Posture.exact(stamp, given.postures[k % POSTURES]),
-            MachinePose.exact(stamp, pose),
+            Posture(stamp, given.postures[k % POSTURES], joint_sigma),
+            MachinePose(stamp, pose, covariance),
             Intent(stamp, DriveMode.JOINT, levers, state["ticks"] > 1),
             scene,
         )
@@ -294,8 +299,11 @@ def main() -> None:
     for count in asked.rows:
         boxes = poles(count)
         ours = workgauge_step(given, pole_limits(boxes))
+        unsure = workgauge_step(given, pole_limits(boxes), unsure=True)
         check(ours)
-        row: dict[str, float | int | None] = {"limits": count, "workgauge_ms": measured(ours, 1000)}
+        check(unsure)
+        row: dict[str, float | int | None] = {"limits": count}
+        row |= {"workgauge_ms": measured(ours, 1000), "unsure_ms": measured(unsure, 1000)}
         for name, make, runs in (("pink_ms", pink_step, 100_000 // count), ("mink_ms", mink_step, 500)):
             step = make(given, boxes)
             row[name] = None if step is None else measured(step, min(runs, 300))

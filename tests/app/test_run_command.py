@@ -45,12 +45,13 @@ def test_exactly_the_documented_object_and_the_report(cli, write, tmp_path: Path
         "tick_ms",
         "min_self_clearance_m",
         "self_entries",
+        "positioning",
+        "travel",
         "warnings",
     ]
     assert (data["ticks"], data["simulated_s"], data["entries"]) == (140, 1.4, 0)
-    assert {tuple(cause) for cause in data["interventions"]} == {
-        ("t_s", "reason", "link", "limit", "clearance_m", "scale")
-    }
+    keys = "t_s until_s reason link limit joint clearance_m protection_m stop_distance_m scale text"
+    assert {tuple(cause) for cause in data["interventions"]} == {tuple(keys.split())}
     assert any(cause["limit"] == "point:P1-12" for cause in data["interventions"])
     assert 0 < data["tick_ms"]["p50"] <= data["tick_ms"]["p99"] <= data["tick_ms"]["max"]
     assert sorted(path.name for path in folder.iterdir()) == ["report.html", "run.json"]

@@ -114,6 +114,15 @@ def test_what_is_no_projected_system_is_refused_with_its_number(epsg):
         ProjectedCrs.from_epsg(epsg)
 
 
+@pytest.mark.parametrize("epsg", [5513, 2065, 2046])
+def test_a_system_that_counts_westwards_is_refused(epsg):
+    """Its first two numbers are no easting and northing: left and right, and every heading, would come out wrong."""
+    with pytest.raises(GeodesyError, match=f"counts westwards.*found {epsg}.*easting and northing"):
+        ProjectedCrs.from_epsg(epsg)
+    with pytest.raises(GeodesyError, match="counts westwards"):
+        ProjectedCrs.from_wkt(pyproj.CRS.from_epsg(epsg).to_wkt())
+
+
 def test_well_known_text():
     crs = ProjectedCrs.from_wkt(pyproj.CRS.from_epsg(2263).to_wkt())
     assert crs.epsg == 2263

@@ -36,6 +36,7 @@ def situation(desired: Any, distances: Any = (), rows: Any = None, **changes: An
         other_links=frozen_ints([-1] * k),
         limits=frozen_ints(np.arange(k)),
         cells=frozen_ints([-1] * k),
+        solids=frozen_ints(np.arange(k) % N),
         protections=np.array(changes.pop("protections", np.zeros(k)), dtype=float),
         stop_distances=np.array(changes.pop("stop_distances", np.full(k, np.nan)), dtype=float),
         link_names=NAMES,

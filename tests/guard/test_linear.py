@@ -34,6 +34,7 @@ def situation(
         other_links=frozen_ints([-1] * k),
         limits=frozen_ints(np.arange(k) // 2),
         cells=frozen_ints([-1] * k),
+        solids=frozen_ints(np.arange(k) % 2),
         protections=np.broadcast_to(np.asarray(protections, dtype=float), (k,)),
         stop_distances=np.broadcast_to(np.asarray(stops, dtype=float), (k,)),
         link_names=("boom", "stick"),
@@ -112,7 +113,35 @@ def test_the_protection_level_counts_as_gone() -> None:
     case = situation([0.5, 0.0, 0.0], [0.7], APPROACH, protections=0.2)
     result, _ = GUARD.allow(case, GUARD.start())
     assert result.scale == pytest.approx(0.5)
-    assert result.reasons[0].clearance_m == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("distance", "own", "code", "said"),
+    [
+        (0.7, math.nan, ReasonCode.LIMIT_NEAR, "0.70 m from limit-0{}, slowed to 50 %"),
+        (0.4, math.nan, ReasonCode.LIMIT_REACHED, "0.40 m from limit-0{}, no nearer"),
+        (0.9, 0.7, ReasonCode.LIMIT_REACHED, "0.90 m from limit-0{}, no nearer"),
+        (0.1, math.nan, ReasonCode.LIMIT_REACHED, "0.10 m from limit-0{}, no nearer"),
+        (-0.1, math.nan, ReasonCode.INSIDE_LIMIT, "0.10 m inside limit-0, only the way out is free"),
+    ],
+)
+def test_the_reason_tells_clearance_protection_and_stop_distance(
+    distance: float, own: float, code: ReasonCode, said: str
+) -> None:
+    case = situation([0.5, 0.0, 0.0], [distance], APPROACH, protections=0.2, stops=own)
+    (reason,) = GUARD.allow(case, GUARD.start())[0].reasons
+    stop = 0.2 if math.isnan(own) else own
+    doubt = f" (0.20 m of it unsure, stops at {stop:.2f} m)"
+    assert (reason.code, reason.text) == (code, f"boom is {said.format(doubt)}")
+    assert (reason.clearance_m, reason.protection_m) == (distance, 0.2)
+    assert reason.stop_distance_m == stop
+
+
+@pytest.mark.parametrize("distance", [0.5, 0.1, -0.1])
+def test_backing_away_stays_free_however_little_is_sure(distance: float) -> None:
+    case = situation([0.5, 0.0, 0.0], [distance], RETREAT, protections=3.0)
+    result, _ = GUARD.allow(case, GUARD.start())
+    assert result.allowed.tolist() == [0.5, 0.0, 0.0] and result.reasons == ()
 
 
 def test_a_coarse_tick_at_high_speed_does_not_jump_over_the_stop_distance() -> None:

@@ -18,14 +18,16 @@ from workgauge.loop.inputs import TickInputs
 from workgauge.loop.memory import TickMemory, first_memory, restored
 from workgauge.loop.tick import Trace, tick
 from workgauge.machine.load import load_machine
+from workgauge.proximity.protection import Integrity
 from workgauge.proximity.scene import Scene
 from workgauge.sim.kinematic import KinematicPlant
 from workgauge.values import transforms as tf
 from workgauge.values.arrays import frozen
 from workgauge.values.errors import InputError
+from workgauge.values.health import HealthState, PositionHealth
 from workgauge.values.limits import Limit, LimitKind, Source
 from workgauge.values.measurements import DriveMode, Intent, Levers, MachinePose, Posture, Stamp, ToolLine
-from workgauge.values.reasons import STOPPING, ReasonCode
+from workgauge.values.reasons import STOPPING, Reason, ReasonCode
 from workgauge.values.solids import Box
 from workgauge.wire.messages import decode, decode_command
 
@@ -46,7 +48,7 @@ def pole(x: float, y: float) -> Limit:
 def setup(name: str = "rre20") -> tuple[TickConfig, Scene]:
     machine = machine_named(name)
     tool = machine.tool_pose(machine.forward(machine.home))[:3, 3]
-    config = tick_config(machine, guard_named("linear"), machine_id=ID)
+    config = tick_config(machine, guard_named("linear"), machine_id=ID, tool_sigma_m=0.0)
     return config, Scene(machine, [pole(float(tool[0]), float(tool[1]) + 3.0)])
 
 
@@ -181,6 +183,14 @@ def changed(array: Sequence[float] | np.ndarray, index: Any, value: float) -> np
     return frozen(out)
 
 
+def with_health(state: HealthState, *said: ReasonCode) -> Fault:
+    reasons = tuple(Reason(code, f"because of {code}") for code in said)
+    return lambda i: replace(i, health=PositionHealth(state, i.now_ns, reasons))
+
+
+#: Covariance of a pose by two RTK receivers and an inclinometer.
+SURE = frozen(np.diag(np.square([0.015, 0.015, 0.025, 0.001, 0.001, 0.0026])))
+
 FAULTS: dict[str, tuple[Fault, ReasonCode]] = {
     "no posture": (with_posture(lambda p: None), ReasonCode.NO_POSTURE),
     "no pose": (with_pose(lambda p: None), ReasonCode.NO_POSE),
@@ -237,6 +247,71 @@ FAULTS: dict[str, tuple[Fault, ReasonCode]] = {
         with_pose(lambda p: replace(p, covariance=changed(p.covariance, (1, 1), -1.0))),
         ReasonCode.INVALID_VALUE,
     ),
+    "variance too small for its correlation": (
+        with_pose(lambda p: replace(p, covariance=changed(p.covariance, (0, 1), 1e-9))),
+        ReasonCode.INVALID_VALUE,
+    ),
+    "covariance infinite": (
+        with_pose(lambda p: replace(p, covariance=changed(p.covariance, (5, 5), math.inf))),
+        ReasonCode.INVALID_VALUE,
+    ),
+    "covariance not symmetric": (
+        with_pose(lambda p: replace(p, covariance=changed(np.eye(6) * 1e-4, (0, 1), 1e-5))),
+        ReasonCode.INVALID_VALUE,
+    ),
+    "covariance not positive": (
+        with_pose(lambda p: replace(p, covariance=frozen(1e-4 * (1.2 * np.ones((6, 6)) - 0.2 * np.eye(6))))),
+        ReasonCode.INVALID_VALUE,
+    ),
+    "covariance short": (with_pose(lambda p: replace(p, covariance=frozen(np.eye(5)))), ReasonCode.INVALID_VALUE),
+    "cross NaN": (
+        with_pose(lambda p: replace(p, covariance=SURE, cross=frozen(np.full((6, 6), math.nan)))),
+        ReasonCode.INVALID_VALUE,
+    ),
+    "cross with exact joints": (
+        with_pose(lambda p: replace(p, covariance=SURE, cross=frozen(np.full((6, 6), 1e-6)))),
+        ReasonCode.INVALID_VALUE,
+    ),
+    "cross short": (
+        with_pose(lambda p: replace(p, covariance=SURE, cross=frozen(np.zeros((6, 5))))),
+        ReasonCode.INVALID_VALUE,
+    ),
+    "joint covariance short": (
+        with_posture(lambda p: replace(p, covariance=frozen(np.zeros((5, 5))))),
+        ReasonCode.INVALID_VALUE,
+    ),
+    "joint covariance of other joints": (
+        with_posture(lambda p: replace(p, covariance=frozen(np.eye(6) * 1e-6))),
+        ReasonCode.INVALID_VALUE,
+    ),
+    "joint covariance not positive": (
+        with_posture(
+            lambda p: replace(
+                p, sigma=frozen([1e-3] * 6), covariance=frozen(1e-6 * (2 * np.ones((6, 6)) - np.eye(6)))
+            )
+        ),
+        ReasonCode.INVALID_VALUE,
+    ),
+    "position far too uncertain": (
+        with_pose(lambda p: replace(p, covariance=frozen(SURE * 1e4))),
+        ReasonCode.POSITION_UNSURE,
+    ),
+    "joints far too uncertain": (
+        with_posture(lambda p: replace(p, sigma=frozen([0.1] * 6))),
+        ReasonCode.POSITION_UNSURE,
+    ),
+    "health says stop": (
+        with_health(HealthState.STOP, ReasonCode.POSITION_JUMP),
+        ReasonCode.POSITION_LOST,
+    ),
+    "health stops with its own reason": (
+        with_health(HealthState.STOP, ReasonCode.NOT_CHECKED),
+        ReasonCode.NOT_CHECKED,
+    ),
+    "a reason that stops in a usable state": (
+        with_health(HealthState.FIXED, ReasonCode.POSITION_LOST),
+        ReasonCode.POSITION_LOST,
+    ),
     "lever NaN": (with_intent(lambda p: replace(p, levers=Levers(math.nan))), ReasonCode.INVALID_VALUE),
     "lever beyond": (with_intent(lambda p: replace(p, levers=Levers(1.01))), ReasonCode.INVALID_VALUE),
     "no line": (with_intent(lambda p: replace(p, mode=DriveMode.LINE, line=None)), ReasonCode.INVALID_VALUE),
@@ -258,6 +333,7 @@ def test_a_missing_old_or_impossible_input_stops_at_once_with_the_reason(name: s
     assert steps[6].trace.valves != (0,) * 6
     last = steps[7]
     assert decode_command(last.frame, 0).value.neutral and last.trace.valves == (0,) * 6
+    assert last.trace.scale == 0.0
     assert code in codes(last.trace) and code in STOPPING
     assert not last.trace.allowed.any()
 
@@ -306,6 +382,123 @@ def test_no_measurement_makes_it_raise(
         command = decode_command(outputs.frame, 0).value
         assert np.isfinite(trace.allowed).all()
         assert command.neutral or (posture is good[1] and pose is good[0])
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5), numbers), min_size=1, max_size=4),
+    st.lists(st.tuples(st.integers(0, 5), numbers), max_size=2),
+    st.booleans(),
+)
+def test_a_covariance_that_is_none_stops_and_never_makes_a_level_smaller(
+    places: list[tuple[int, int, float]], sigmas: list[tuple[int, float]], both_sides: bool
+) -> None:
+    config, scene = setup()
+    opened = run(PRESS)[-1].memory
+    stamp = Stamp(ID, 40 * MS, "s")
+    asked = Intent(stamp, DriveMode.JOINT, Levers(left_x=1.0), True)
+    covariance, sigma = np.zeros((6, 6)), np.zeros(6)
+    for i, j, value in places:
+        covariance[i, j] = value
+        if both_sides:
+            covariance[j, i] = value
+    for j, value in sigmas:
+        sigma[j] = value
+    pose, posture = MachinePose(stamp, PLACE, frozen(covariance)), Posture(stamp, config.machine.home, frozen(sigma))
+    _, _, trace = tick(TickInputs(40 * MS, posture, pose, asked, scene), opened, config)
+    if trace.clearances is not None:
+        assert (trace.clearances.protections >= 0.0).all()
+        assert np.linalg.eigvalsh(covariance)[0] >= -1e-6 * np.abs(covariance).max() and (sigma >= 0.0).all()
+    else:
+        assert ReasonCode.INVALID_VALUE in codes(trace)
+    if trace.allowed.any():
+        assert trace.clearances is not None and np.isfinite(trace.clearances.protections).all()
+
+
+def test_reasons_of_a_usable_position_are_passed_on_and_stop_nothing() -> None:
+    states = [state for state in HealthState if state.usable]
+    drive = [*PRESS, *[intent(left_x=1.0)] * len(states)]
+
+    def spoil(k: int, inputs: TickInputs) -> TickInputs:
+        return with_health(states[k - 2], ReasonCode.POSITION_DEGRADED)(inputs) if k >= 2 else inputs
+
+    for step, state in zip(run(drive, spoil=spoil)[2:], states, strict=True):
+        assert step.inputs.health is not None and step.inputs.health.state is state
+        assert codes(step.trace) == {ReasonCode.POSITION_DEGRADED} and any(step.trace.valves)
+
+
+def test_what_stops_for_the_position_says_all_of_it_first() -> None:
+    fault = with_health(HealthState.STOP, ReasonCode.POSITION_JUMP, ReasonCode.RECEIVER_FROZEN)
+    trace = run([*PRESS, intent(left_x=1.0)], spoil=lambda k, i: fault(replace(i, pose=None)) if k == 2 else i)[
+        -1
+    ].trace
+    assert [reason.code for reason in trace.reasons] == [
+        ReasonCode.POSITION_JUMP,
+        ReasonCode.RECEIVER_FROZEN,
+        ReasonCode.POSITION_LOST,
+        ReasonCode.NO_POSE,
+    ]
+    assert trace.clearances is None and trace.q is not None
+
+
+def unsure(inputs: TickInputs) -> TickInputs:
+    """The inputs as two RTK receivers and good joint sensors give them."""
+    assert inputs.pose is not None and inputs.posture is not None
+    pose, posture = replace(inputs.pose, covariance=SURE), replace(inputs.posture, sigma=frozen([0.0018] * 6))
+    return replace(inputs, pose=pose, posture=posture)
+
+
+def test_driven_at_a_pole_by_unsure_sensors_it_stops_that_much_farther_away_and_backs_away_freely() -> None:
+    line = sideways_line()
+    there = [intent(DriveMode.LINE, line=line, right_y=1.0)] * 700
+    back = [intent(DriveMode.LINE, line=line, right_y=-1.0)] * 100
+    steps = run([*PRESS, *there, *back], spoil=lambda k, inputs: unsure(inputs))
+    last = steps[701]
+    assert last.trace.clearances is not None
+    nearest = min(
+        (c for c in last.trace.clearances if c.limit == "pole"), key=lambda c: c.distance_m - c.protection_m
+    )
+    assert 0.08 < nearest.protection_m < 0.4
+    assert true_clearance(last) == pytest.approx(0.2 + nearest.protection_m, abs=0.02)
+    (reason,) = [reason for reason in last.trace.reasons if reason.limit == "pole"][:1]
+    assert reason.protection_m == pytest.approx(nearest.protection_m) and reason.stop_distance_m == 0.2
+    assert reason.clearance_m == pytest.approx(nearest.distance_m)
+    for step in steps[702:]:
+        assert step.trace.scale == 1.0 and step.trace.reasons == ()
+
+
+def test_what_cannot_be_seen_within_the_radius_stops_with_both_numbers() -> None:
+    config, scene = setup()
+    drive = [*PRESS, *[intent(left_x=1.0)] * 2]
+
+    def blurred(sigma: float) -> Trace:
+        covariance = frozen(np.diag([sigma**2] * 3 + [0.0] * 3))
+        return run(drive, spoil=lambda k, i: with_pose(lambda p: replace(p, covariance=covariance))(i))[-1].trace
+
+    covered = config.radius_m - config.guard.reach_m - scene.largest_stop_m
+    enough = covered / config.integrity.k / math.sqrt(3.0)
+    assert any(blurred(0.99 * enough).valves)
+    trace = blurred(1.01 * enough)
+    (reason,) = trace.reasons
+    assert reason.code is ReasonCode.POSITION_UNSURE and not any(trace.valves)
+    assert reason.text == "clearances may be wrong up to 7.27 m, limits are known for 7.20 m"
+    assert trace.clearances is not None and trace.clearances.protections.max() <= (reason.protection_m or 0.0)
+
+
+def test_the_integrity_is_the_machine_files_unless_given() -> None:
+    machine, guard = machine_named("rre20"), guard_named("linear")
+    assert machine.positioning is not None
+    config = tick_config(machine, guard, machine_id=ID)
+    assert config.integrity == Integrity.of(machine.positioning.integrity)
+    assert config.integrity.k == pytest.approx(5.3267, abs=1e-4) and config.tool_sigma_m == machine.tool_tolerance_m
+    assert tick_config(machine_named("brokk5"), guard, machine_id=ID).integrity == config.integrity
+    assert tick_config(machine, guard, machine_id=ID, integrity=Integrity(3.0, 0.1)).integrity == Integrity(3.0, 0.1)
+    for wrong in (Integrity(0.0), Integrity(math.nan), Integrity(3.0, -0.1), Integrity(math.inf)):
+        with pytest.raises(InputError, match="integrity"):
+            tick_config(machine, guard, machine_id=ID, integrity=wrong)
+    for sigma in (-0.1, math.nan):
+        with pytest.raises(InputError, match="tool_sigma_m"):
+            tick_config(machine, guard, machine_id=ID, tool_sigma_m=sigma)
 
 
 def test_a_short_gap_stops_and_goes_on_and_a_long_one_needs_the_switch() -> None:
@@ -487,5 +680,6 @@ def test_settings_that_make_no_sense_are_refused_by_name(setting: str, value: An
 
 def test_a_limit_that_keeps_its_distance_widens_the_search() -> None:
     guard, near = guard_named("linear"), pole(5.0, 5.0)
-    assert search_radius_m(guard, []) == pytest.approx(1.3)
-    assert search_radius_m(guard, [near, replace(near, stop_distance_m=5.0)]) == pytest.approx(6.3)
+    assert search_radius_m(guard, []) == pytest.approx(3.8)
+    assert search_radius_m(guard, [near, replace(near, stop_distance_m=5.0)]) == pytest.approx(8.8)
+    assert search_radius_m(guard, [], protection_m=1.0) == pytest.approx(1.8)

@@ -116,6 +116,7 @@ def clearance(
         frozen_ints([other_link]),
         frozen_ints([0]),
         frozen_ints([-1]),
+        frozen_ints([0]),
         frozen([0.0]),
         frozen([math.nan]),
         machine.link_names,
@@ -353,7 +354,7 @@ def test_wrong_number_of_joints_and_no_clearances() -> None:
     one = clearance(machine, 1, np.ones(3), np.zeros(3))
     none = Clearances(
         *(array[:0] for array in (one.distances, one.normals, one.points_machine, one.points_limit)),
-        *(array[:0] for array in (one.links, one.other_links, one.limits, one.cells)),
+        *(array[:0] for array in (one.links, one.other_links, one.limits, one.cells, one.solids)),
         *(array[:0] for array in (one.protections, one.stop_distances)),
         one.link_names,
         one.limit_ids,

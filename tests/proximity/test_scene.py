@@ -143,16 +143,18 @@ def test_facts_of_limits_go_through(make):
         ),
     ]
     boxes = [make.box((0, 0, 0), (0, 0, 0), (0.5, 0.5, 0.5)), make.box((0, 0, 0), (0, 2, 0), (0.5, 0.5, 0.5))]
-    scene = Scene(make.FreeBoxes(2), limits, sigmas=3.0)
+    scene = Scene(make.FreeBoxes(2), limits)
     found = scene.query(make.kin_of(boxes), np.eye(4), 4.0, 150, frozenset())
     assert [(c.link, c.limit) for c in found] == [
         *(("link0", name) for name in ("plain", "careful", "by day", "open track", "ground", "flood")),
         *(("link1", name) for name in ("plain", "careful", "not the cab", "by day", "open track", "flood")),
     ]
     assert found[1].stop_distance_m == 0.7
-    assert found[1].protection_m == pytest.approx(0.06)
+    assert scene.uncertainty.variances[found.limits[1]] == pytest.approx(0.02**2)
+    assert scene.largest_stop_m == 0.7
     assert math.isnan(found[0].stop_distance_m)
-    assert found[0].protection_m == 0.0
+    assert not found.protections.any()
+    assert found.solids.tolist() == [0] * 6 + [1] * 6
     late = scene.query(make.kin_of(boxes), np.eye(4), 4.0, 201, frozenset({"track 2", "wet"}))
     assert {c.limit for c in late} == {"plain", "careful", "not the cab", "ground"}
 

@@ -1,9 +1,12 @@
 """Interventions: one per cause, whatever the ticks in between do."""
 
+import json
+
 from hypothesis import given
 from hypothesis import strategies as st
 
 from workgauge.rehearse.interventions import PAUSE_S, InterventionLog
+from workgauge.rehearse.result import Intervention
 from workgauge.values.reasons import Reason, ReasonCode
 
 TICK = 0.01
@@ -65,3 +68,21 @@ def test_every_reason_lies_in_exactly_one_interval_of_its_cause(ticks: list[list
             holding = [one for one in found if one.limit == name and one.t_s <= i * TICK < one.until_s - 1e-12]
             assert len(holding) == 1
             assert holding[0].scale is not None and holding[0].scale <= scale
+
+
+def test_a_protection_level_without_bound_is_null_in_json():
+    """A short baseline while the machine turns: no bound of the second order; JSON knows no infinity."""
+    one = Intervention(
+        t_s=1.0,
+        until_s=2.0,
+        reason="limit_reached",
+        link="boom",
+        limit="point:P",
+        joint=None,
+        clearance_m=1.0,
+        scale=0.0,
+        text="unsure",
+        protection_m=float("inf"),
+    )
+    assert one.as_json()["protection_m"] is None
+    json.dumps(one.as_json(), allow_nan=False)

@@ -115,9 +115,13 @@ def test_json_has_exactly_the_documented_keys(run: RunResult) -> None:
         "tick_ms",
         "min_self_clearance_m",
         "self_entries",
+        "positioning",
+        "travel",
         "warnings",
     ]
-    assert list(data["interventions"][0]) == ["t_s", "reason", "link", "limit", "clearance_m", "scale"]
+    first = data["interventions"][0]
+    assert list(first)[:6] == ["t_s", "until_s", "reason", "link", "limit", "joint"]
+    assert list(first)[6:] == ["clearance_m", "protection_m", "stop_distance_m", "scale", "text"]
     assert list(data["tick_ms"]) == ["p50", "p99", "max"]
 
 

@@ -12,6 +12,7 @@ from workgauge.values.arrays import frozen
 from workgauge.values.commands import ValveCommand
 from workgauge.values.errors import WireError
 from workgauge.values.measurements import DriveMode, Intent, Levers, MachinePose, Posture, Stamp, ToolLine
+from workgauge.values.navigation import AngularRate, EncoderReading, Inclination
 from workgauge.wire.messages import OVERHEAD, Kind, Message, Value, decode, decode_command, encode
 
 NOW = 7_000_000_000
@@ -55,7 +56,10 @@ intents = st.builds(
     st.booleans(),
     st.none() | st.builds(ToolLine, arrays(3), arrays(3)),
 )
-values = st.one_of(postures, poses, commands, intents)
+inclinations = st.builds(Inclination, stamps, numbers, numbers, numbers)
+encoders = st.builds(EncoderReading, stamps, numbers, numbers)
+rates = st.builds(AngularRate, stamps, arrays(3), numbers)
+values = st.one_of(postures, poses, commands, intents, inclinations, encoders, rates)
 
 STAMP = Stamp("excavator-1", 5_000_000_000, "sensors", 1_700_000_000_000_000_000)
 SAMPLES: tuple[Value, ...] = (
@@ -63,6 +67,9 @@ SAMPLES: tuple[Value, ...] = (
     MachinePose(STAMP, frozen(np.eye(4)), frozen(np.eye(6) * 1e-4)),
     ValveCommand(STAMP, 17, (100, -10_000, 0, 3), True),
     Intent(STAMP, DriveMode.LINE, Levers(right_y=0.5), True, ToolLine(frozen([1, 2, 3]), frozen([0, 1, 0]))),
+    Inclination(STAMP, 0.01, -0.02, 1e-3),
+    EncoderReading(STAMP, 1.25, 1e-3),
+    AngularRate(STAMP, frozen([0.1, -0.2, 0.3]), 1e-2),
 )
 
 
@@ -76,6 +83,12 @@ def contents(message: Message[Value]) -> tuple[object, ...]:
         parts += [value.T_site_machine.tobytes(), value.covariance.tobytes()]
     elif isinstance(value, ValveCommand):
         parts += [value.sequence, value.valves, value.enable]
+    elif isinstance(value, Inclination):
+        parts.append(struct.pack("<3d", value.roll, value.pitch, value.sigma))
+    elif isinstance(value, EncoderReading):
+        parts.append(struct.pack("<2d", value.value, value.sigma))
+    elif isinstance(value, AngularRate):
+        parts += [value.rate.tobytes(), struct.pack("<d", value.sigma)]
     else:
         line = value.line
         parts += [value.mode, np.array(value.levers.values).tobytes(), value.enable]
@@ -177,6 +190,9 @@ def forge(value: Value, at: int, byte: int) -> bytes:
         (SAMPLES[3], 90, 3, "unknown mode"),
         (SAMPLES[3], 91, 7, "not a flag"),
         (SAMPLES[3], 92, 0, "numbers of a line that is not given"),
+        (SAMPLES[4], 3, 6, "wrong payload length"),
+        (SAMPLES[5], 3, 7, "wrong payload length"),
+        (SAMPLES[6], 3, 5, "wrong payload length"),
     ],
 )
 def test_each_forgery_is_refused_with_its_fact(value: Value, at: int, byte: int, said: str) -> None:
@@ -216,6 +232,7 @@ def test_only_a_valve_command_is_read_as_one() -> None:
         (MachinePose(STAMP, frozen(np.eye(4)), frozen(np.tri(6))), 0, "not symmetric"),
         (ValveCommand(STAMP, 3, (2**15,), True), None, "does not fit"),
         (ValveCommand(STAMP, 3, (0,), True), 4, "its own sequence"),
+        (AngularRate(STAMP, frozen([0.0] * 2)), 0, "three components"),
         (Intent(STAMP, line=ToolLine(frozen([0.0] * 2), frozen([0.0] * 3))), 0, "two vectors of three"),
     ],
 )

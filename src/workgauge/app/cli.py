@@ -8,9 +8,12 @@ from typing import Annotated, Any
 import typer
 
 from workgauge import __version__
+from workgauge.app.check_command import check_command
 from workgauge.app.identify_command import identify_command
 from workgauge.app.limits_command import limits_command
+from workgauge.app.measure_up_command import measure_up_command
 from workgauge.app.output import SeveralFiles
+from workgauge.app.pose_command import pose_command
 from workgauge.app.run_command import run_command
 from workgauge.app.site_commands import at_command, site_command
 
@@ -65,7 +68,10 @@ def _schema_source(of: SchemaOf) -> Callable[[], dict[str, Any]]:
 app.command("site")(site_command)
 app.command("at")(at_command)
 app.command("limits")(limits_command)
+app.command("pose")(pose_command)
 app.command("run", cls=SeveralFiles)(run_command)
+app.command("check", cls=SeveralFiles)(check_command)
+app.command("measure-up")(measure_up_command)
 app.command("identify")(identify_command)
 app.command("schema")(schema_command)
 

@@ -1,19 +1,24 @@
 """`workgauge run`: a rehearsal on a simulated machine, watched or headless, with a report."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
+from workgauge.app.check_file import refuse_unchecked
+from workgauge.app.gnss_run import OwnSite, gnss_run, refuse_place
 from workgauge.app.live import LiveView, plain_bar
 from workgauge.app.output import facts, input_errors_exit_2, print_json, stderr, stdout, table, warn
 from workgauge.app.site_commands import Epsg, Json
+from workgauge.machine.load import load_machine
 from workgauge.rehearse.result import RunResult
 from workgauge.rehearse.run import Progress, default_drive, drive_at_anything, open_session, run_session
-from workgauge.rehearse.scenario import OnGround, Step
+from workgauge.rehearse.scenario import OnGround, StateChange, Step, TravelStep
 from workgauge.rehearse.scenario_file import load_scenario
 from workgauge.rehearse.session import Session
 from workgauge.report.page import write_report
@@ -22,6 +27,7 @@ from workgauge.values.errors import ScenarioError
 from workgauge.values.limits import LimitKind
 
 DEFAULT_SCENARIO = "pole-approach"
+DEFAULT_MACHINE = "rre20"
 
 
 def parse_place(text: str) -> tuple[float, float, float]:
@@ -57,9 +63,20 @@ def run_command(
         str | None,
         typer.Option(metavar="E,N,HEADING_DEG", help="Where the machine stands; heading clockwise from grid north."),
     ] = None,
+    gnss: Annotated[
+        list[str] | None,
+        typer.Option(metavar="LOG|PORT", help="Receivers: a log or serial port; repeated, PORT=LOG, DEVICE@BAUD."),
+    ] = None,
     headless: Annotated[bool, typer.Option("--headless", help="No live view, as fast as it computes.")] = False,
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="Write report.html and run.json there.")] = None,
     speed: Annotated[float, typer.Option(min=0, help="Live view: times real time; 0 as fast as it computes.")] = 1.0,
+    check: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Start-of-shift checks: refuse without a valid one.")
+    ] = None,
+    off: Annotated[
+        list[str] | None,
+        typer.Option(metavar="STATE", help="A work state that is off, `Track 2 open to traffic`; may be repeated."),
+    ] = None,
     epsg: Epsg = None,
     as_json: Json = False,
 ) -> None:
@@ -67,20 +84,19 @@ def run_command(
 
     With --site and --at, the machine swings to the nearest pole (or the nearest limit of any kind), drives its tool
     straight at it until it is stopped, and comes back. With --scenario, it does what the scenario says; the other
-    options then replace what it says of them.
+    options then replace what it says of them. With --gnss, it stands where receivers say instead of --at.
     """
-    if site and not scenario:
-        session, steps, words, said = _at_a_place(site, machine, rules, guard, at, epsg)
-    else:
-        place = None if at is None else parse_place(at)
-        ground = None if place is None else OnGround(east_m=place[0], north_m=place[1], heading_deg=place[2])
-        loaded = load_scenario(scenario or DEFAULT_SCENARIO).choosing(
-            site_files=site or (), machine=machine, rules=rules, guard=guard, place=ground, epsg=epsg
-        )
-        session, steps = open_session(loaded), loaded.scenario.drive
-        words = loaded.scenario.title, loaded.scenario.description
-        said = {"scenario": loaded.file.stem}
-    result = _watched(session, steps, words, said, headless or as_json, speed)
+    choice = _Choice(site or (), machine, rules, scenario, guard, at, gnss or (), check, epsg)
+    with _prepared(choice) as (session, steps, words, said, travel, states):
+        session.checked = check is not None
+        for state in off or ():
+            session.check_state(state)
+        switched = (*(StateChange(state=state, on=False) for state in off or ()), *states)
+
+        def run(callback: Callable[[Progress], None] | None) -> RunResult:
+            return run_session(session, steps, *words, said, callback, travel=travel, states=switched)
+
+        result = _watched(session, run, headless or as_json, speed)
     page = None if report is None else write_report(result, report)
     if as_json:
         print_json(result.as_json())
@@ -91,16 +107,64 @@ def run_command(
         stdout().print(f"\nreport: {page}")
 
 
-_Prepared = tuple[Session, Sequence[Step], tuple[str, str], dict[str, str]]
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    """What the options say of machine, place and drive."""
+
+    site: Sequence[Path]
+    machine: str | None
+    rules: str | None
+    scenario: str | None
+    guard: str | None
+    at: str | None
+    gnss: Sequence[str]
+    check: Path | None
+    epsg: int | None
+
+
+#: Session, drive, (title, description), facts, travel, work states switched.
+_Prepared = tuple[
+    Session, Sequence[Step], tuple[str, str], dict[str, str], Sequence[TravelStep], Sequence[StateChange]
+]
+
+
+@contextmanager
+def _prepared(c: _Choice) -> Iterator[_Prepared]:
+    """Yield what is run: a place of the user's own site, or a scenario, either of them on receivers."""
+    if c.gnss:
+        refuse_place(c.at)
+    loaded = None
+    if c.scenario or not c.site:
+        place = None if c.at is None else parse_place(c.at)
+        ground = None if place is None else OnGround(east_m=place[0], north_m=place[1], heading_deg=place[2])
+        loaded = load_scenario(c.scenario or DEFAULT_SCENARIO).choosing(
+            site_files=c.site, machine=c.machine, rules=c.rules, guard=c.guard, place=ground, epsg=c.epsg
+        )
+        refuse_unchecked(load_machine(loaded.machine, loaded.scenario.attachment), c.check)
+    else:
+        refuse_unchecked(load_machine(c.machine or DEFAULT_MACHINE), c.check)
+    if c.gnss:
+        own = OwnSite(c.site, c.machine or DEFAULT_MACHINE, c.rules or "generic", c.guard or "linear", c.epsg)
+        with gnss_run(c.gnss, loaded or own) as (session, steps, words, said, states):
+            yield session, steps, words, said, (), states
+    elif loaded is None:
+        yield (*_at_a_place(list(c.site), c.machine, c.rules, c.guard, c.at, c.epsg), (), ())
+    else:
+        scenario = loaded.scenario
+        words = scenario.title, scenario.description
+        facts = {"scenario": loaded.file.stem}
+        yield open_session(loaded), scenario.drive, words, facts, scenario.travel, scenario.states
 
 
 def _at_a_place(
     site: list[Path], machine: str | None, rules: str | None, guard: str | None, at: str | None, epsg: int | None
-) -> _Prepared:
+) -> tuple[Session, Sequence[Step], tuple[str, str], dict[str, str]]:
     """Return a session at a place of the user's own site, with the default drive."""
     if at is None:
         raise typer.BadParameter("--site needs --at E,N,HEADING_DEG", param_hint="--at")
-    session = Session(site, machine or "rre20", rules or "generic", guard or "linear", parse_place(at), epsg=epsg)
+    session = Session(
+        site, machine or DEFAULT_MACHINE, rules or "generic", guard or "linear", parse_place(at), epsg=epsg
+    )
     steps = default_drive()
     if not any(limit.kind is LimitKind.POINT for limit in session.limits):
         steps = drive_at_anything(steps)
@@ -112,17 +176,11 @@ def _at_a_place(
 
 def _watched(
     session: Session,
-    steps: Sequence[Step],
-    words: tuple[str, str],
-    said: dict[str, str],
+    run: Callable[[Callable[[Progress], None] | None], RunResult],
     headless: bool,
     speed: float,
 ) -> RunResult:
     """Run, with the live view or a progress bar where somebody would be watching."""
-
-    def run(callback: Callable[[Progress], None] | None) -> RunResult:
-        return run_session(session, steps, words[0], words[1], said, callback)
-
     screen: Console = stdout()
     if not headless and screen.is_terminal:
         with LiveView(screen, session.machine, getattr(session.guard, "slow_distance_m", None), speed) as view:

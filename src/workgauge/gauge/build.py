@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import datetime, timedelta
 from functools import partial
 
 import numpy as np
@@ -57,18 +58,22 @@ class LimitSet:
     rules: str
 
 
-def build_limits(site: SiteModel, rules: RuleBook, frame: SiteFrame | None = None) -> LimitSet:
+def build_limits(
+    site: SiteModel, rules: RuleBook, frame: SiteFrame | None = None, clock_zero: datetime | None = None
+) -> LimitSet:
     """Turn every feature of a site into the limits its rule says.
 
     Args:
         site: the site model.
         rules: the rule book.
         frame: the local frame the limits are wanted in; the site's own if None.
+        clock_zero: the moment at which the tick's clock shows 0, for limits with a window of time. Without it they
+            count always, and a warning says so.
 
     Raises:
         RuleError: the rule book has no answer for a feature, for instance so small a radius.
     """
-    builder = _Builder(site, rules, frame or site.frame())
+    builder = _Builder(site, rules, frame or site.frame(), clock_zero)
     for alignment in site.alignments:
         builder.feature(alignment, alignment.name, alignment.source, builder.alignment)
     for line in site.lines:
@@ -86,8 +91,10 @@ def build_limits(site: SiteModel, rules: RuleBook, frame: SiteFrame | None = Non
 class _Builder:
     """Collects limits, warnings and counts while the features go by."""
 
-    def __init__(self, site: SiteModel, book: RuleBook, frame: SiteFrame) -> None:
+    def __init__(self, site: SiteModel, book: RuleBook, frame: SiteFrame, clock_zero: datetime | None = None) -> None:
         self.site, self.book, self.frame = site, book, frame
+        self._clock_zero = clock_zero
+        self._timeless = 0
         self.origin = frame.origin
         self.limits: list[Limit] = []
         self.warnings: list[str] = []
@@ -184,7 +191,21 @@ class _Builder:
             self.warnings.append(f"{counted(len(names), kind)} without a rule became no limit: {listed(names)}")
         for rule, names in self._left_out.items():
             self.warnings.append(f"rule {rule!r} leaves out {counted(len(names), 'feature')}: {listed(names)}")
+        if self._timeless:
+            how = counted(self._timeless, "limit")
+            self.warnings.append(f"{how} with a window of time counted always: nobody says what time it is")
         self.warnings += self._made_up.warnings(self.heights)
+
+    def _activity(self, state: str | None, block: LimitBlock) -> Activity:
+        """Return when a limit counts; a window of time on the tick's clock, if its zero is known."""
+        window = (block.active_from, block.active_until)
+        if self._clock_zero is None:
+            self._timeless += window != (None, None)
+            return Activity(state=state)
+        first, last = (
+            None if at is None else (at - self._clock_zero) // timedelta(microseconds=1) * 1000 for at in window
+        )
+        return Activity(state=state, not_before_ns=first, not_after_ns=last)
 
     def _add(
         self,
@@ -223,7 +244,7 @@ class _Builder:
                 chainage=chainage,
                 stop_distance_m=block.stop_distance_m,
                 tolerance_m=block.tolerance_m,
-                activity=Activity(state=state),
+                activity=self._activity(state, block),
                 exempt_links=frozenset(block.exempt_links),
                 own_track_of=own_track_of,
             )

@@ -3,7 +3,7 @@
 import math
 from typing import Annotated, Literal, Self, TypeAlias
 
-from pydantic import Field, model_validator
+from pydantic import AwareDatetime, Field, model_validator
 
 from workgauge.gauge.blocks import (
     Block,
@@ -42,13 +42,26 @@ class Match(Block):
 
 
 class LimitBlock(Sourced):
-    """What every limit of a rule carries. `{name}` in a text stands for the feature's own name."""
+    """What every limit of a rule carries. `{name}` in a text stands for the feature's own name.
+
+    `active_from`, `active_until`: moments with their time zone, `2026-05-02T22:00:00+03:00`; the limit counts from
+    the one to the other, both included.
+    """
 
     name: str = "{name}"
     stop_distance_m: Length | None = None
     tolerance_m: Length = 0.0
     active_while: str | None = None
+    active_from: AwareDatetime | None = None
+    active_until: AwareDatetime | None = None
     exempt_links: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _window(self) -> Self:
+        first, last = self.active_from, self.active_until
+        if first is not None and last is not None and first >= last:
+            raise ValueError("active_from must be before active_until")
+        return self
 
 
 class TrackBlock(LimitBlock):
@@ -249,10 +262,16 @@ class Voltage(Sourced):
 
 
 class OwnTrackBlock(Sourced):
-    """When the machine counts as standing on a track: how near, and how parallel."""
+    """When the machine counts as standing on a track: how near, and how parallel.
+
+    `fouling_m`: a track that branches from its own is let off too while nearer than this. `hysteresis_m`: by so much
+    a track must be nearer to become its own, or farther to be left.
+    """
 
     within_m: Size = 1.0
     heading_within_deg: Annotated[float, Field(strict=True, gt=0, le=90)] = 15.0
+    fouling_m: Size = 3.5
+    hysteresis_m: Length = 0.3
 
 
 class RuleBook(Sourced):

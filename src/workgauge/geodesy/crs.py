@@ -1,5 +1,6 @@
 """Projected coordinate systems by EPSG number or WKT, with grid convergence, point scale and area of use."""
 
+import math
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -73,6 +74,17 @@ class ProjectedCrs:
         out: Floats = np.radians(self._factors(e, n).meridian_convergence)
         return out
 
+    def grid_heading(self, true_heading: ArrayLike, e: ArrayLike, n: ArrayLike) -> Floats:
+        """Return headings from grid north, clockwise, in [0, 2 pi) [rad], of headings from true north [rad].
+
+        Args:
+            true_heading: as receivers give it. e, n: where [m].
+
+        NaN where the projection has no inverse.
+        """
+        heading = np.mod(np.asarray(true_heading, dtype=np.float64) - _finite(self.convergence(e, n)), 2 * np.pi)
+        return np.where(heading >= 2 * np.pi, 0.0, heading)  # a tiny negative angle rounds up to a full turn
+
     def point_scale(self, e: ArrayLike, n: ArrayLike) -> Floats:
         """Return grid length over ellipsoidal length at easting and northing [m]; NaN where there is no inverse.
 
@@ -119,6 +131,29 @@ class ProjectedCrs:
             e, n = _transformer(self._wkt).transform(np.degrees(lon), np.degrees(lat), direction="INVERSE")
         return _finite(np.asarray(e) * self.metres_per_unit), _finite(np.asarray(n) * self.metres_per_unit)
 
+    def datum_shift_m(self, lat: float, lon: float) -> float:
+        """Return how far a place's coordinates move on the ground from WGS 84 to this system's own datum [m].
+
+        What receivers deliver is WGS 84 or the correction service's own datum (in Europe ETRS89, here 0 m off), and
+        `from_geodetic` shifts nothing: a large value means that this system needs a shift first. NaN where PROJ knows
+        no shift without a grid that is not there.
+
+        Args:
+            lat, lon: [rad].
+        """
+        shift = _from_wgs84(self._wkt)
+        geodetic = _crs(self._wkt).geodetic_crs
+        if shift is None or geodetic is None:
+            return math.nan
+        with np.errstate(all="ignore"):
+            moved_lon, moved_lat = shift.transform(math.degrees(lon), math.degrees(lat))
+        if not (math.isfinite(moved_lon) and math.isfinite(moved_lat)):
+            return math.nan
+        geod = geodetic.get_geod()
+        if geod is None:
+            return math.nan
+        return float(geod.inv(math.degrees(lon), math.degrees(lat), moved_lon, moved_lat)[2])
+
     def _factors(self, e: ArrayLike, n: ArrayLike) -> Any:
         lat, lon = self.to_geodetic(e, n)
         try:
@@ -153,6 +188,12 @@ def _checked(crs: pyproj.CRS, value: object) -> ProjectedCrs:
         raise GeodesyError(
             f"not a projected coordinate system but {crs.type_name}", value=value, allowed="a projected system"
         )
+    if any(axis.direction == "west" for axis in crs.axis_info):  # turned or mirrored: left, right, every heading
+        raise GeodesyError(
+            f"a coordinate system that counts westwards ({crs.name})",
+            value=value,
+            allowed="a projected system with easting and northing",
+        )
     return ProjectedCrs(crs.to_epsg(), crs.name, float(crs.axis_info[0].unit_conversion_factor), crs.to_wkt())
 
 
@@ -168,6 +209,15 @@ def _transformer(wkt: str) -> pyproj.Transformer:
         return pyproj.Transformer.from_crs(crs, crs.geodetic_crs, always_xy=True)
     except (CRSError, ProjError) as error:
         raise GeodesyError("coordinate system that cannot be computed", value=crs.name) from error
+
+
+@lru_cache(maxsize=64)
+def _from_wgs84(wkt: str) -> pyproj.Transformer | None:
+    try:
+        geodetic = _crs(wkt).geodetic_crs
+        return pyproj.Transformer.from_crs("EPSG:4326", geodetic, always_xy=True, allow_ballpark=False)
+    except (CRSError, ProjError):
+        return None
 
 
 @lru_cache(maxsize=64)

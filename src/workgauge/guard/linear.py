@@ -16,13 +16,17 @@ from workgauge.values.reasons import Reason, ReasonCode
 RESTING_M_S = 1e-9
 #: At most this many reasons, the gravest first.
 MAX_REASONS = 8
+#: A reason's text is silent about protection levels below this [m].
+WORTH_SAYING_M = 0.005
 
 
 @dataclass(frozen=True, slots=True)
 class LinearGuard:
     """Linear velocity scaling, Mäkinen 3.11 and 3.12, condition corrected and judged per limit.
 
-    For each clearance, `s_i = clip((p_i - p_l) / (p_u - p_l), 0, 1)` with p_i the distance less its protection level.
+    For each clearance, `s_i = clip((p_i - p_l) / (p_u - p_l), 0, 1)` with p_i the distance less its protection level:
+    at the stop distance the machine may stand that much farther away. Reasons tell all three, distance, protection
+    level and stop distance; a limit is entered (`inside_limit`) only where the distance itself is below zero.
     The smallest s_i of the clearances that the motion shrinks scales every joint speed; a motion that shrinks none of
     them is not scaled. A limit with a stop distance of its own moves p_l there, and p_u with it. Beyond the equation:
     one tick never uses up more than what is left above p_l, which a coarse tick at high speed otherwise could.
@@ -128,15 +132,15 @@ class LinearGuard:
         smallest = float(np.minimum.reduce(scales))
         if smallest == 1.0:
             return 1.0, []
-        return smallest, _reasons(clearances, approached, safe, scales)
+        return smallest, _reasons(clearances, approached, stops, scales)
 
 
-def _reasons(clearances: Clearances, approached: np.ndarray, safe: Floats, scales: Floats) -> list[Reason]:
+def _reasons(clearances: Clearances, approached: np.ndarray, stops: Floats, scales: Floats) -> list[Reason]:
     """Return one reason per link and limit that slows the motion, the gravest first."""
     reasons: list[Reason] = []
     said = set()
     for i in np.argsort(scales, kind="stable").tolist():
-        scale, left = float(scales[i]), float(safe[i])
+        scale = float(scales[i])
         if scale == 1.0 or len(reasons) == MAX_REASONS:
             break
         k = int(approached[i])
@@ -145,11 +149,26 @@ def _reasons(clearances: Clearances, approached: np.ndarray, safe: Floats, scale
         if (link, limit) in said:
             continue
         said.add((link, limit))
-        if left < 0.0:
-            code, text = ReasonCode.INSIDE_LIMIT, f"{link} is {-left:.2f} m inside {limit}, only the way out is free"
+        distance, unsure = float(clearances.distances[k]), float(clearances.protections[k])
+        stop = float(stops[i])
+        doubt = f" ({unsure:.2f} m of it unsure, stops at {stop:.2f} m)" if unsure >= WORTH_SAYING_M else ""
+        if distance < 0.0:
+            code, text = ReasonCode.INSIDE_LIMIT, f"{-distance:.2f} m inside {limit}, only the way out is free"
         elif scale == 0.0:
-            code, text = ReasonCode.LIMIT_REACHED, f"{link} is {left:.2f} m from {limit}, no nearer"
+            code, text = ReasonCode.LIMIT_REACHED, f"{distance:.2f} m from {limit}{doubt}, no nearer"
         else:
-            code, text = ReasonCode.LIMIT_NEAR, f"{link} is {left:.2f} m from {limit}, slowed to {100 * scale:.0f} %"
-        reasons.append(Reason(code, text, link=link, limit=limit, clearance_m=left, scale=scale))
+            code = ReasonCode.LIMIT_NEAR
+            text = f"{distance:.2f} m from {limit}{doubt}, slowed to {100 * scale:.0f} %"
+        reasons.append(
+            Reason(
+                code,
+                f"{link} is {text}",
+                link=link,
+                limit=limit,
+                clearance_m=distance,
+                scale=scale,
+                protection_m=unsure,
+                stop_distance_m=stop,
+            )
+        )
     return reasons

@@ -1,5 +1,6 @@
 """The tick: inputs, memory and configuration in; command bytes, memory and trace out; nothing else."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +13,13 @@ from workgauge.loop.inputs import TickInputs, believed
 from workgauge.loop.memory import TickMemory
 from workgauge.machine.model import Kinematics
 from workgauge.motion.desired import MotionMemory, desired
+from workgauge.proximity.protection import with_protection
+from workgauge.proximity.uncertainty import MachineUncertainty
 from workgauge.values.arrays import Floats, freeze
 from workgauge.values.clearances import Clearances
 from workgauge.values.commands import ValveCommand
-from workgauge.values.measurements import DriveMode, Stamp
-from workgauge.values.reasons import Reason
+from workgauge.values.measurements import DriveMode, MachinePose, Posture, Stamp
+from workgauge.values.reasons import Reason, ReasonCode
 from workgauge.wire.messages import SEQUENCE_MODULUS, encode
 
 
@@ -36,7 +39,7 @@ class Trace:
         q: (n,) measured joint positions, None without a posture to be believed.
         desired, allowed: (n,) joint velocities the operator wanted and the guard left [rad/s, m/s].
         valves: (n) as sent.
-        clearances: None without posture and machine pose.
+        clearances: with their protection levels; None without posture and machine pose.
         reasons: every intervention of this tick.
         scale: what the clearances left of the velocity.
     """
@@ -54,9 +57,10 @@ class Trace:
 def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[TickOutputs, TickMemory, Trace]:
     """Return the command for this period, the memory for the next, and what was seen and done.
 
-    Freshness, kinematics, proximity, motion, guard, drive, gate, in this order. Pure: the same arguments give the
-    same bytes. An input that is missing, old, from the future, of another machine or not made of numbers stops every
-    joint with the reason; no measurement makes it raise.
+    Freshness, kinematics, proximity, protection levels, motion, guard, drive, gate, in this order. Pure: the same
+    arguments give the same bytes. An input that is missing, old, from the future, of another machine or not made of
+    numbers stops every joint with the reason, and so does a position not to be used, or so uncertain that a limit out
+    of sight may matter; no measurement makes it raise.
     """
     now, machine = inputs.now_ns, config.machine
     seen = believed(inputs, config)
@@ -65,14 +69,16 @@ def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[Ti
     scale, motion_memory, guard_memory = 0.0, MotionMemory(), config.guard.start()
 
     clearances = None
-    if seen.q is not None and seen.T_site_machine is not None:
-        kin = machine.forward(seen.q)
-        clearances = inputs.scene.query(kin, seen.T_site_machine, config.radius_m, now, inputs.off_states)
-        if seen.intent is not None and seen.intent.enable:
+    if seen.posture is not None and seen.pose is not None:
+        T_site_machine = seen.pose.T_site_machine
+        kin = machine.forward(seen.posture.q)
+        clearances, rows, unsure = _clearances(inputs, kin, seen.posture, seen.pose, config)
+        if unsure is not None:
+            reasons.append(unsure)
+        elif seen.intent is not None and seen.intent.enable:
             wanted, hindered, motion_memory = desired(
-                seen.intent, kin, machine, seen.T_site_machine, memory.motion, config.motion
+                seen.intent, kin, machine, T_site_machine, memory.motion, config.motion
             )
-            rows = machine.distance_rows(kin, seen.T_site_machine, clearances)
             given = _guard_input(wanted, kin, clearances, rows, seen.intent.mode, config)
             result, guard_memory = config.guard.allow(given, memory.guard)
             allowed, scale = result.allowed, result.scale
@@ -84,8 +90,34 @@ def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[Ti
     reasons += [reason for reason in refusals if reason.code not in said]
     sequence = (memory.sequence + 1) % SEQUENCE_MODULUS
     after = TickMemory(sequence, gate.valves, motion_memory, guard_memory, gate)
-    trace = Trace(now, seen.q, wanted, allowed, gate.valves, clearances, tuple(reasons), scale)
+    q = seen.posture.q if seen.posture is not None else None
+    trace = Trace(now, q, wanted, allowed, gate.valves, clearances, tuple(reasons), scale)
     return TickOutputs(frame), after, trace
+
+
+def _clearances(
+    inputs: TickInputs, kin: Kinematics, posture: Posture, pose: MachinePose, config: TickConfig
+) -> tuple[Clearances, Floats, Reason | None]:
+    """Return the clearances with their protection levels, their rows, and why they do not suffice to move on."""
+    machine, scene, T_site_machine = config.machine, inputs.scene, pose.T_site_machine
+    found = scene.query(kin, T_site_machine, config.radius_m, inputs.now_ns, inputs.off_states, inputs.let_off)
+    rows = machine.distance_rows(kin, T_site_machine, found)
+    uncertainty = MachineUncertainty.of(
+        pose.covariance,
+        posture.sigma,
+        tool_sigma_m=config.tool_sigma_m,
+        cross=pose.cross,
+        joint_covariance=posture.covariance,
+    )
+    clearances, largest = with_protection(
+        found, rows, kin, machine, T_site_machine, uncertainty, scene.uncertainty, config.integrity
+    )
+    covered = config.radius_m - config.guard.reach_m - scene.largest_stop_m
+    if largest <= covered:
+        return clearances, rows, None
+    how = f"up to {largest:.2f} m" if math.isfinite(largest) else "by more than can be said"
+    text = f"clearances may be wrong {how}, limits are known for {max(covered, 0.0):.2f} m"
+    return clearances, rows, Reason(ReasonCode.POSITION_UNSURE, text, protection_m=largest, scale=0.0)
 
 
 def _guard_input(

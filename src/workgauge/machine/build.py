@@ -16,25 +16,18 @@ from workgauge.machine.description import (
     BoxSpec,
     Joint,
     MachineDescription,
+    Pose,
     RevoluteJoint,
 )
+from workgauge.machine.faults import DescriptionError, Place
+from workgauge.machine.located import check_positioning
 from workgauge.machine.model import MachineModel
 from workgauge.machine.pairs import find_self_pairs
 from workgauge.machine.parts import JointGeometry, LinkSolid, Pump, Sensor, Stopping, Stretch, Undercarriage
 from workgauge.machine.urdf import UrdfJoint, urdf_chain
 from workgauge.values.arrays import freeze, frozen
 
-Place = tuple[str | int, ...]
-
 _LITRES_PER_MINUTE = 1e-3 / 60.0
-
-
-class DescriptionError(ValueError):
-    """A description that contradicts itself: `place` is the path of keys and list indices to the offending value."""
-
-    def __init__(self, place: Place, message: str, value: object = None, allowed: str | None = None) -> None:
-        super().__init__(message)
-        self.place, self.message, self.value, self.allowed = place, message, value, allowed
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -93,10 +86,11 @@ def build(name: str, description: MachineDescription, folder: Path, attachment: 
         ),
         sensors=_sensors(description, links),
         positioning=description.positioning,
-        T_link_tool=matrix_of(mounted.tool),
-        tool_tolerance_m=mounted.tolerance_m,
+        T_link_tool=matrix_of(mounted.tool or Pose()),
+        tool_tolerance_m=mounted.tolerance_m or 0.0,
         chain=chain,
     )
+    check_positioning(machine)
     pairs, skipped = find_self_pairs(machine, _allowed_contacts(description))
     return dataclasses.replace(machine, self_pairs=pairs, skipped_pairs=skipped)
 
@@ -187,11 +181,20 @@ def _range(i: int, joint: Joint, urdf: UrdfJoint | None) -> _Range:
 def _attachment(description: MachineDescription, attachment: str | None) -> AttachmentSpec:
     names = [known.name for known in description.attachments]
     _unique(names, "attachments")
-    if attachment is None:
-        return description.attachments[0]
-    if attachment not in names:
+    if attachment is not None and attachment not in names:
         raise DescriptionError(("attachments",), "unknown attachment", attachment, ", ".join(names))
-    return description.attachments[names.index(attachment)]
+    at = 0 if attachment is None else names.index(attachment)
+    mounted = description.attachments[at]
+    missing = [key for key in ("tool", "tolerance_m") if getattr(mounted, key) is None]
+    if description.positioning is None and mounted.tool is not None:
+        missing = []
+    if missing:
+        raise DescriptionError(
+            ("attachments", at),
+            f"attachment {mounted.name} is not measured up, it has no {' and no '.join(missing)}",
+            allowed="what `workgauge measure-up` prints, or a declared tool and tolerance_m",
+        )
+    return mounted
 
 
 def _solids(

@@ -168,10 +168,17 @@ class AttachmentSpec(Sourced):
     """Something the last link carries: its tool frame and boxes in that link's frame."""
 
     name: Name
-    tool: Pose = Field(description="tool centre point: z along the tool, y away from the machine when it hangs down")
+    tool: Pose | None = Field(
+        default=None,
+        description="tool centre point: z along the tool, y away from the machine when it hangs down; "
+        "an attachment without one is not measured up and cannot be mounted",
+    )
     boxes: tuple[BoxSpec, ...] = ()
     mass_kg: Positive | None = None
-    tolerance_m: NotNegative = Field(default=0.0, description="1-sigma of the measured-up tool centre point")
+    tolerance_m: NotNegative | None = Field(
+        default=None,
+        description="1-sigma of the measured-up tool centre point; a machine with a positioning section needs it",
+    )
 
 
 class SensorSpec(Sourced):

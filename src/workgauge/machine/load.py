@@ -9,8 +9,9 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from workgauge.machine.build import DescriptionError, Place, build
+from workgauge.machine.build import build
 from workgauge.machine.description import MachineDescription
+from workgauge.machine.faults import DescriptionError, Place
 from workgauge.machine.model import MachineModel
 from workgauge.values.errors import MachineError
 
@@ -24,6 +25,34 @@ def catalogue() -> tuple[str, ...]:
     return tuple(sorted(Path(file.name).stem for file in folder.iterdir() if file.name.endswith(_SUFFIXES)))
 
 
+def description_path(name_or_path: str | Path) -> Path:
+    """Return the file of a machine: a shipped one by its name, any other by its path.
+
+    Raises:
+        MachineError: if there is no shipped machine of that name.
+    """
+    text = str(name_or_path)
+    if text in catalogue():
+        return Path(str(resources.files("workgauge") / "shipped" / "machines" / f"{text}.yaml"))
+    if isinstance(name_or_path, Path) or text.endswith(_SUFFIXES) or "/" in text or "\\" in text:
+        return Path(name_or_path)
+    near = difflib.get_close_matches(text, catalogue(), 1)
+    hint = f", did you mean {near[0]}?" if near else ""
+    allowed = f"{', '.join(catalogue())}, or a path to a .yaml file"
+    raise MachineError(f"unknown machine{hint}", value=text, allowed=allowed)
+
+
+def read_description(name_or_path: str | Path) -> tuple[Path, dict[str, Any]]:
+    """Return a machine's file and the mapping in it, not yet judged.
+
+    Raises:
+        MachineError: if there is no such file, or it holds no mapping.
+    """
+    path = description_path(name_or_path)
+    content, _ = _read_yaml(path)
+    return path, content
+
+
 def load_machine(name_or_path: str | Path, attachment: str | None = None) -> MachineModel:
     """Return a machine from the catalogue by name, or from a YAML file by path.
 
@@ -34,16 +63,7 @@ def load_machine(name_or_path: str | Path, attachment: str | None = None) -> Mac
     Raises:
         MachineError: if there is no such machine or attachment, or the description is not valid.
     """
-    text = str(name_or_path)
-    if text in catalogue():
-        path = Path(str(resources.files("workgauge") / "shipped" / "machines" / f"{text}.yaml"))
-    elif isinstance(name_or_path, Path) or text.endswith(_SUFFIXES) or "/" in text or "\\" in text:
-        path = Path(name_or_path)
-    else:
-        near = difflib.get_close_matches(text, catalogue(), 1)
-        hint = f", did you mean {near[0]}?" if near else ""
-        allowed = f"{', '.join(catalogue())}, or a path to a .yaml file"
-        raise MachineError(f"unknown machine{hint}", value=text, allowed=allowed)
+    path = description_path(name_or_path)
     content, lines = _read_yaml(path)
     return _make(path.stem, content, path.parent, attachment, path, lines)
 
@@ -155,7 +175,7 @@ class _PlainLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def _read_yaml(path: Path) -> tuple[Any, dict[Place, int]]:
+def _read_yaml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
     """Return a file's content and the line of every key and list item in it."""
     try:
         data = path.read_bytes()

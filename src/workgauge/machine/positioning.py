@@ -7,9 +7,12 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from workgauge.machine.fields import Name, NotNegative, Number, Positive, Sourced, refusal
+from workgauge.values.navigation import FixQuality
 
 Port = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,31}$")]
 Sigma = tuple[Positive, Positive]
+#: Whatever comes later than this is of no use to a machine that moves [s].
+Latency = Annotated[NotNegative, Field(le=2.0)]
 
 
 class FixSigmas(Sourced):
@@ -24,6 +27,18 @@ class FixSigmas(Sourced):
     single_m: Sigma = (3.0, 5.0)
     source: str | None = "recalled: fixed 0.01-0.02, float 0.1-0.5, differential 0.3-1, single 1.5-5 m"
 
+    def of(self, quality: FixQuality) -> Sigma:
+        """Return the pair of a quality; whatever is none of the three better ones is worth a single fix."""
+        match quality:
+            case FixQuality.FIXED:
+                return self.fixed_m
+            case FixQuality.FLOAT:
+                return self.float_m
+            case FixQuality.DIFFERENTIAL:
+                return self.differential_m
+            case _:
+                return self.single_m
+
 
 class ReceiverSpec(Sourced):
     """A satellite receiver: which antenna it serves and where its bytes arrive.
@@ -35,7 +50,7 @@ class ReceiverSpec(Sourced):
     antenna: Name = Field(description="a sensor of kind gnss_antenna")
     port: Port = "gnss"
     talker: str | None = Field(default=None, description="only sentences of this talker, if the stream has several")
-    latency_s: NotNegative = Field(default=0.02, description="from the epoch to the arrival of its bytes")
+    latency_s: Latency = Field(default=0.02, description="from the epoch to the arrival of its bytes")
     sigmas: FixSigmas = FixSigmas()
 
 
@@ -46,8 +61,11 @@ class HeadingSpec(Sourced):
     master: Name = Field(description="antenna at the baseline's tail")
     rover: Name = Field(description="antenna at its head")
     port: Port = Field(default="gnss", description="of the heading sentences of a moving base")
-    latency_s: NotNegative = 0.02
+    latency_s: Latency = 0.02
     sigma_deg: Positive = Field(default=0.15, description="of a moving base that states none; a floor where it does")
+    shared_error: Annotated[Number, Field(ge=0, le=1)] = Field(
+        default=0.5, description="largest share of both antennas' error variance that may be the same for both"
+    )
 
 
 class TiltSpec(Sourced):
@@ -56,7 +74,7 @@ class TiltSpec(Sourced):
     sensor: Name
     port: Port = "links"
     sigma_deg: Positive = 0.05
-    latency_s: NotNegative = 0.01
+    latency_s: Latency = 0.01
 
 
 class WireCalibration(Sourced):
@@ -98,7 +116,7 @@ class JointSensorSpec(Sourced):
     offset_deg: Number = 0.0
     sigma_deg: Positive | None = Field(default=None, description="1-sigma of the joint; 0.1° if left out")
     sigma_m: Positive | None = Field(default=None, description="1-sigma of a sliding joint or a wire's stroke")
-    latency_s: NotNegative = 0.01
+    latency_s: Latency = 0.01
     calibration: WireCalibration | None = None
 
     @model_validator(mode="after")
@@ -137,6 +155,7 @@ class Thresholds(Sourced):
     link_jump_deg: Positive = Field(default=5.0, description="a joint that moves more between two readings has not")
     check_tolerance_m: Positive = Field(default=0.05, description="start-of-shift check: tool against a known point")
     check_hours: Positive = Field(default=14.0, description="a check holds for so long")
+    check_required: bool = Field(default=False, description="no work without a valid start-of-shift check")
 
 
 class IntegritySpec(Sourced):

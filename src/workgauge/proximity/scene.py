@@ -23,6 +23,7 @@ from workgauge.proximity.shapes import (
 )
 from workgauge.proximity.store import CellShapes
 from workgauge.proximity.surface import SurfaceIndex
+from workgauge.proximity.uncertainty import LimitUncertainty
 from workgauge.values.arrays import Floats, Ints, frozen, frozen_ints
 from workgauge.values.clearances import Clearances
 from workgauge.values.limits import Activity, Limit
@@ -33,6 +34,8 @@ _ALWAYS = Activity()
 _SLACK_M = 1e-9
 #: Solid, limit, cell (of two links: the other solid), other link or -1, distance, way out, point of the machine.
 _Row = tuple[int, int, int, int, float, Floats, Floats]
+#: What decides whether a limit counts: the tick's clock [ns], the work states that are off, the tracks let off.
+_When = tuple[int, frozenset[str], frozenset[str]]
 _ORDER = operator.itemgetter(0, 1, 2)
 #: So many pairs are worth a closer bound before they are measured.
 _MANY_PAIRS = 48
@@ -47,10 +50,12 @@ class Scene:
     Args:
         machine: its solids and self-collision pairs are checked.
         limits: in the site's local frame [m].
-        sigmas: how many standard deviations of a limit's tolerance count as its protection level.
+
+    Attributes:
+        uncertainty: what is not sure about the limits. largest_stop_m: largest stop distance of a limit's own [m].
     """
 
-    def __init__(self, machine: MachineModel, limits: Sequence[Limit], *, sigmas: float = 1.0) -> None:
+    def __init__(self, machine: MachineModel, limits: Sequence[Limit]) -> None:
         self.machine = machine
         self.limits = tuple(limits)
         self.limit_ids = (*(limit.id for limit in self.limits), *(f"self:{name}" for name in machine.link_names))
@@ -69,11 +74,12 @@ class Scene:
         patterns = {limit.exempt_links for limit in self.limits}
         self._exempt = {links: np.array([name in links for name in names], dtype=np.bool_) for links in patterns}
         self._exempting = np.array([bool(self._exempt[limit.exempt_links].any()) for limit in self.limits], np.bool_)
-        self._conditional = np.array([limit.activity != _ALWAYS for limit in self.limits], dtype=np.bool_)
-        self._some_exempting, self._some_conditional = bool(self._exempting.any()), bool(self._conditional.any())
-        self._protections = frozen(
-            [*(sigmas * limit.tolerance_m for limit in self.limits), *(0.0 for _ in machine.link_names)]
+        self._conditional = np.array(
+            [limit.activity != _ALWAYS or limit.own_track_of is not None for limit in self.limits], dtype=np.bool_
         )
+        self._some_exempting, self._some_conditional = bool(self._exempting.any()), bool(self._conditional.any())
+        self.uncertainty = LimitUncertainty.of(self.limits, len(machine.link_names))
+        self.largest_stop_m = max((limit.stop_distance_m or 0.0 for limit in self.limits), default=0.0)
         stops = (math.nan if limit.stop_distance_m is None else limit.stop_distance_m for limit in self.limits)
         self._stop_distances = frozen([*stops, *(math.nan for _ in machine.link_names)])
         # of two links, the one farther out is the one that moves, the other its limit
@@ -87,12 +93,14 @@ class Scene:
         radius_m: float,
         now_ns: int = 0,
         off_states: frozenset[str] = frozenset(),
+        let_off: frozenset[str] = frozenset(),
     ) -> Clearances:
         """Return one clearance for every link solid and limit nearer than `radius_m` (Mäkinen 2.1, 2.2).
 
         Of a chain or surface, the nearest cell or triangle counts. Distances are signed: inside a box, convex solid
         or another link they are minus the least translation that leads out; inside a chain see `chain`; below a
-        surface see `surface`. Order: link solid, limit, cell; pairs of links come after the limits.
+        surface see `surface`. Order: link solid, limit, cell; pairs of links come after the limits. Protection levels
+        are zero until `protection.with_protection` puts them in.
 
         Args:
             kin: the posture, from `machine.forward`.
@@ -100,6 +108,7 @@ class Scene:
             radius_m: search radius [m], above 0.
             now_ns: the tick's clock, for limits with a window of activity.
             off_states: work states known to be off.
+            let_off: tracks the undercarriage stands on, whose envelopes do not count for it (`own_track_of`).
 
         Raises:
             ValueError: if the pose or the posture is not finite: no answer is never read as free.
@@ -114,9 +123,10 @@ class Scene:
         placed = self._placed(boxes)
         result = new_result()
         rows: list[_Row] = []
-        near = self._near_cells(lows, highs, low, high, radius_m, now_ns, off_states)
+        when = now_ns, off_states, let_off
+        near = self._near_cells(lows, highs, low, high, radius_m, when)
         self._measure_cells(rows, boxes, placed, *near, radius_m, result)
-        self._measure_surfaces(rows, boxes, placed, radius_m, now_ns, off_states, result)
+        self._measure_surfaces(rows, boxes, placed, radius_m, when, result)
         self._measure_links(rows, boxes, placed, radius_m, result)
         return self._clearances(rows, radius_m)
 
@@ -132,14 +142,13 @@ class Scene:
         low: Floats,
         high: Floats,
         radius_m: float,
-        now_ns: int,
-        off_states: frozenset[str],
+        when: _When,
     ) -> tuple[Ints, Ints, Floats]:
         """Return (solid, cell) pairs that may be near and lower bounds, without inactive and exempt ones."""
         cells = self._cells.near_plan(low, high)
         limits = self._cells.limits.take(cells)
         if self._some_conditional and (conditional := self._conditional.take(limits)).any():
-            active = {i: self.limits[i].activity.active(now_ns, off_states) for i in limits[conditional].tolist()}
+            active = {i: self.limits[i].counts(*when) for i in limits[conditional].tolist()}
             kept = np.array([active.get(i, True) for i in limits.tolist()], dtype=np.bool_)
             cells, limits = cells[kept], limits[kept]
         gaps = box_gaps(lows, highs, self._cells.lows.take(cells, axis=0), self._cells.highs.take(cells, axis=0))
@@ -210,13 +219,12 @@ class Scene:
         boxes: OrientedBoxes,
         placed: list[Placed],
         radius_m: float,
-        now_ns: int,
-        off_states: frozenset[str],
+        when: _When,
         result: Any,
     ) -> None:
         for i, surface in self._surfaces:
             limit = self.limits[i]
-            if not limit.activity.active(now_ns, off_states):
+            if not limit.counts(*when):
                 continue
             exempt = self._exempt[limit.exempt_links]
             for s in np.flatnonzero(~exempt).tolist():
@@ -252,13 +260,14 @@ class Scene:
         points_limit = points_machine - distances[:, None] * normals
         links = self._link_of.take(solids)
         cells[others >= 0] = -1
-        protections, stops = self._protections.take(limits), self._stop_distances.take(limits)
-        columns = (distances, normals, points_machine, points_limit, links, others, limits, cells, protections, stops)
+        protections, stops = np.zeros(len(rows)), self._stop_distances.take(limits)
+        vectors, indices = (normals, points_machine, points_limit), (links, others, limits, cells, solids)
+        columns = (distances, *vectors, *indices, protections, stops)
         for column in columns:
             column.setflags(write=False)
         return Clearances(*columns, self.machine.link_names, self.limit_ids, radius_m)
 
     def _nothing(self, radius_m: float) -> Clearances:
         none, no_vectors, no_indices = frozen([]), frozen(np.empty((0, 3))), frozen_ints([])
-        vectors, indices = (no_vectors,) * 3, (no_indices,) * 4
+        vectors, indices = (no_vectors,) * 3, (no_indices,) * 5
         return Clearances(none, *vectors, *indices, none, none, self.machine.link_names, self.limit_ids, radius_m)

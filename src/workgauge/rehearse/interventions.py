@@ -73,6 +73,8 @@ class InterventionLog:
                 clearance_m=one.worst.clearance_m,
                 scale=one.worst.scale,
                 text=one.worst.text,
+                protection_m=one.worst.protection_m,
+                stop_distance_m=one.worst.stop_distance_m,
             )
             for one in found
         )

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from workgauge.machine.model import MachineModel
-from workgauge.rehearse.scenario import DriveBack, DriveLine, Hold, MoveLevers, Step, Swing
+from workgauge.rehearse.scenario import DriveBack, DriveLine, Hold, MoveLevers, Step, Swing, WaitForTravel
 from workgauge.rehearse.targets import Targets
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.errors import ScenarioError
@@ -40,13 +40,20 @@ def eased(deflection: float, left: float, over: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """What the operator sees: time since the run's start [s], joints, machine pose, tool point and its speed."""
+    """What the operator sees: time since the run's start [s], joints, machine pose, tool point.
+
+    `tool_speed`: over the machine; a tool that is carried along stands still [m/s].
+    `ready`: whether the program knows where the machine is; until then the enable switch is left alone.
+    `travelling`: whether the undercarriage still has a way to make.
+    """
 
     t_s: float
     q: Floats
     T_site_machine: Floats
     tool: Floats
     tool_speed: float
+    ready: bool = True
+    travelling: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,6 +86,18 @@ class _Timed:
 
     def hands(self, view: View) -> Hands | None:
         return None if view.t_s >= self._end_s - 1e-9 else self._hands
+
+
+class _Waiting:
+    """Levers in the middle until the travel is over."""
+
+    words = "wait for travel"
+
+    def __init__(self, step: WaitForTravel, view: View) -> None:
+        self._end_s = view.t_s + step.at_most_s
+
+    def hands(self, view: View) -> Hands | None:
+        return Hands() if view.travelling and view.t_s < self._end_s else None
 
 
 class _Still:
@@ -185,6 +204,7 @@ class Operator:
         self._next = 0
         self._action: Action | None = None
         self._line: ToolLine | None = None
+        self._pressing = False
         self.begun: list[tuple[str, float]] = []
 
     @property
@@ -203,18 +223,26 @@ class Operator:
             if self._action is not None:
                 hands = self._action.hands(view)
                 if hands is not None:
-                    return hands if view.t_s >= PRESSED_S else replace(hands, enable=False)
+                    return hands if self._pressed(view) else replace(hands, enable=False)
             if self._next == len(self._steps):
                 return None
             self._action = self._begin(self._steps[self._next], view)
             self._next += 1
             self.begun.append((self._action.words, view.t_s))
 
+    def _pressed(self, view: View) -> bool:
+        """Return whether the enable switch is pressed: once the position is known, and from then on."""
+        if not self._pressing and view.ready and view.t_s >= PRESSED_S:
+            self._pressing = True
+        return self._pressing
+
     def _begin(self, step: Step, view: View) -> Action:
         if isinstance(step, Hold):
             return _Timed("hold", view, step.for_s, Hands())
         if isinstance(step, MoveLevers):
             return _Timed("levers", view, step.for_s, Hands(DriveMode.JOINT, Levers(**step.levers)))
+        if isinstance(step, WaitForTravel):
+            return _Waiting(step, view)
         if isinstance(step, DriveBack):
             assert self._line is not None, "a scenario has no `back` without a line before it"
             return _Back(step, view, self._line)

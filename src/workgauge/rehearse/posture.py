@@ -1,12 +1,15 @@
 """A start posture for a machine put down anywhere: arm folded so far that it can turn to what it is driven at."""
 
 import math
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from workgauge.machine.model import MachineModel
+from workgauge.machine.model import Kinematics, MachineModel
 from workgauge.proximity.scene import Scene
 from workgauge.values.arrays import Floats, frozen
+from workgauge.values.clearances import Clearances
 
 #: How clear of every limit the arm should be when it points at the target, best first [m].
 CLEAR_M = (1.2, 0.85, 0.4)
@@ -33,7 +36,37 @@ TURNED = (math.radians(50.0), math.radians(-50.0))
 TURNED_AWAY = tuple(math.radians(angle) for angle in (60.0, -60.0, 90.0, -90.0, 135.0, -135.0, 180.0))
 
 
-def clearances(scene: Scene, q: Floats, T_site_machine: Floats, radius_m: float) -> tuple[float, float]:
+class Asked(Protocol):
+    """What is asked for clearances: a scene, or one with tracks let off."""
+
+    @property
+    def machine(self) -> MachineModel:
+        """The machine among the limits."""
+        ...
+
+    def query(self, kin: Kinematics, T_site_machine: Floats, radius_m: float, /) -> Clearances:
+        """Return its clearances."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LetOff:
+    """A scene as it is for a machine that is let off some tracks."""
+
+    scene: Scene
+    tracks: frozenset[str]
+
+    @property
+    def machine(self) -> MachineModel:
+        """The machine among the limits."""
+        return self.scene.machine
+
+    def query(self, kin: Kinematics, T_site_machine: Floats, radius_m: float, /) -> Clearances:
+        """Return its clearances without those tracks."""
+        return self.scene.query(kin, T_site_machine, radius_m, let_off=self.tracks)
+
+
+def clearances(scene: Asked, q: Floats, T_site_machine: Floats, radius_m: float) -> tuple[float, float]:
     """Return the smallest clearance to a limit and between own links [m], `radius_m` if none is nearer."""
     found = scene.query(scene.machine.forward(q), T_site_machine, radius_m)
     outer = found.other_links < 0
@@ -43,7 +76,7 @@ def clearances(scene: Scene, q: Floats, T_site_machine: Floats, radius_m: float)
     )
 
 
-def start_posture(scene: Scene, T_site_machine: Floats, target: Floats | None) -> Floats:
+def start_posture(scene: Asked, T_site_machine: Floats, target: Floats | None) -> Floats:
     """Return home if the machine is clear there and towards the target, else a posture as like home as may be.
 
     Args:
@@ -71,7 +104,7 @@ def start_posture(scene: Scene, T_site_machine: Floats, target: Floats | None) -
     return _clearest(scene, T_site_machine, arms, [home[0], *(bearing + turned for turned in TURNED_AWAY)])
 
 
-def _clearest(scene: Scene, T_site_machine: Floats, arms: Floats, swings: list[float]) -> Floats:
+def _clearest(scene: Asked, T_site_machine: Floats, arms: Floats, swings: list[float]) -> Floats:
     """Return the first posture that is clear where it stands, whatever lies on its way, or the clearest of all."""
     best, least = arms[0], -math.inf
     for arm in arms:
@@ -85,7 +118,7 @@ def _clearest(scene: Scene, T_site_machine: Floats, arms: Floats, swings: list[f
     return frozen(best)
 
 
-def _clear(scene: Scene, q: Floats, T_site_machine: Floats, clear: float) -> bool:
+def _clear(scene: Asked, q: Floats, T_site_machine: Floats, clear: float) -> bool:
     limit, own = clearances(scene, q, T_site_machine, 1.5)
     return limit >= clear and own >= min(clear, WAY_CLEAR_M)
 

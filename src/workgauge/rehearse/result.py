@@ -4,8 +4,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from workgauge.values.arrays import Floats
 from workgauge.values.limits import Limit
+
+
+def _rounded(value: float | None) -> float | None:
+    """Return a number for JSON; None without one, and for one without bound (a protection level may be infinite)."""
+    return None if value is None or not np.isfinite(value) else round(value, 6)
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +27,7 @@ class Intervention:
         clearance_m: smallest clearance the program believed meanwhile [m].
         scale: smallest share of the wanted speed left meanwhile, 0 to 1.
         text: one line for people.
+        protection_m: the part of that clearance that was not sure. stop_distance_m: at which the approach ends [m].
     """
 
     t_s: float
@@ -31,16 +39,23 @@ class Intervention:
     clearance_m: float | None
     scale: float | None
     text: str
+    protection_m: float | None = None
+    stop_distance_m: float | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return the documented object of the run command."""
         return {
             "t_s": round(self.t_s, 6),
+            "until_s": round(self.until_s, 6),
             "reason": self.reason,
             "link": self.link,
             "limit": self.limit,
-            "clearance_m": None if self.clearance_m is None else round(self.clearance_m, 6),
-            "scale": None if self.scale is None else round(self.scale, 6),
+            "joint": self.joint,
+            "clearance_m": _rounded(self.clearance_m),
+            "protection_m": _rounded(self.protection_m),
+            "stop_distance_m": _rounded(self.stop_distance_m),
+            "scale": _rounded(self.scale),
+            "text": self.text,
         }
 
 
@@ -129,6 +144,79 @@ class Series:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PositionSeries:
+    """What was believed of the position against the truth, one row per tick; NaN where nothing was believed.
+
+    Attributes:
+        states: (n) health of the position.
+        believed_m, protection_m, true_m: (n,) of the pair of solid and limit believed to be nearest once its
+            protection level is taken off: signed clearance, protection level, true clearance at the tick [m].
+        share: (n,) largest |believed - true| / protection level of all pairs in sight; infinite if one was missed.
+        error_m: (n,) how far the believed machine is from the true one. sigma_m: (n,) its largest 1-sigma [m].
+    """
+
+    states: tuple[str, ...]
+    believed_m: Floats
+    protection_m: Floats
+    true_m: Floats
+    share: Floats
+    error_m: Floats
+    sigma_m: Floats
+
+    def seconds(self, tick_s: float) -> dict[str, float]:
+        """Return how long each state lasted in all [s]."""
+        known = dict.fromkeys(self.states)
+        return {state: round(self.states.count(state) * tick_s, 6) for state in known}
+
+    def as_json(self, tick_s: float) -> dict[str, Any]:
+        """Return the documented object of the run command."""
+        return {
+            "worst_error_over_protection": _largest(self.share),
+            "ticks_beyond_protection": int((self.share > 1.0).sum()),
+            "largest_protection_m": _largest(self.protection_m),
+            "largest_position_error_m": _largest(self.error_m),
+            "seconds_in_state": self.seconds(tick_s),
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TravelSeries:
+    """The undercarriage's way, one row per tick.
+
+    Attributes:
+        wanted_m_s, speed_m_s: (n,) along its own x axis, wanted and true at the tick's end, negative backwards.
+        travelled_m: (n,) since the start, forwards less backwards.
+        path: (n, 2) true east and north of the machine frame's origin in the site's local frame [m].
+        own: (n) the track it was believed to stand on, None for none.
+    """
+
+    wanted_m_s: Floats
+    speed_m_s: Floats
+    travelled_m: Floats
+    path: Floats
+    own: tuple[str | None, ...]
+
+    def tracks(self) -> tuple[tuple[int, str | None], ...]:
+        """Return (tick, track) of the first tick and of every change."""
+        own = self.own
+        return tuple((k, own[k]) for k in range(len(own)) if k == 0 or own[k] != own[k - 1])
+
+    def as_json(self, tick_s: float) -> dict[str, Any]:
+        """Return the documented object of the run command."""
+        return {
+            "travelled_m": round(float(self.travelled_m[-1]), 6),
+            "top_speed_m_s": round(float(np.abs(self.speed_m_s).max()), 6),
+            "own_tracks": [{"t_s": round(k * tick_s, 6), "track": track} for k, track in self.tracks()],
+        }
+
+
+def _largest(values: Floats) -> float | None:
+    """Return the largest of the numbers, or None if there is none or it has no bound."""
+    known = values[~np.isnan(values)]
+    return round(float(known.max()), 6) if len(known) and np.isfinite(known).all() else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class RunResult:
     """Everything a run shows.
 
@@ -147,6 +235,8 @@ class RunResult:
         start, nearest, end: snapshots; `nearest` is the moment of the smallest true clearance.
         limits: the limits near the machine, for drawing. limit_names: id to name of all that are mentioned.
         assumptions, warnings: sentences for people.
+        position: what was believed against the truth, None where sensors were perfect.
+        travel: the undercarriage's way, None if it stood still.
     """
 
     title: str
@@ -176,6 +266,8 @@ class RunResult:
     limit_names: dict[str, str]
     assumptions: tuple[str, ...] = ()
     warnings: tuple[str, ...] = field(default=())
+    position: PositionSeries | None = None
+    travel: TravelSeries | None = None
 
     @property
     def ticks(self) -> int:
@@ -212,5 +304,7 @@ class RunResult:
                 None if self.min_self_clearance_m is None else round(self.min_self_clearance_m, 6)
             ),
             "self_entries": len(self.self_entries),
+            "positioning": None if self.position is None else self.position.as_json(self.tick_s),
+            "travel": None if self.travel is None else self.travel.as_json(self.tick_s),
             "warnings": list(self.warnings),
         }

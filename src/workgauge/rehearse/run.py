@@ -1,32 +1,39 @@
 """Runs a scenario from its first tick to its last and gathers everything it shows."""
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from workgauge.guard.travel import Brakes
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
 from workgauge.rehearse.interventions import InterventionLog
 from workgauge.rehearse.operator import Operator, View
-from workgauge.rehearse.result import RunResult, Series, Snapshot, TickTimes
-from workgauge.rehearse.scenario import DriveBack, DriveLine, Hold, Start, Step, Swing, Target
+from workgauge.rehearse.recording import Recorder
+from workgauge.rehearse.result import RunResult, Snapshot
+from workgauge.rehearse.scenario import (
+    DriveBack,
+    DriveLine,
+    Hold,
+    Start,
+    StateChange,
+    Step,
+    Swing,
+    Target,
+    TravelStep,
+)
 from workgauge.rehearse.scenario_file import LoadedScenario
 from workgauge.rehearse.session import SUBSTEPS, Session, StepResult
 from workgauge.rehearse.targets import Targets, solid_points
-from workgauge.rehearse.truth import Reading
+from workgauge.rehearse.travelling import Driver
+from workgauge.rehearse.words import run_assumptions, run_facts
 from workgauge.values.arrays import Floats
 from workgauge.values.errors import ScenarioError
 from workgauge.values.limits import Limit
 
 #: No drive lasts longer than this [s].
 LONGEST_S = 900.0
-
-#: The clearances of this many limits, those that came nearest, are kept over time.
-CURVES = 4
 
 #: Limits within this of the machine are kept for drawing [m].
 DRAW_WITHIN_M = 30.0
@@ -95,6 +102,10 @@ def open_session(loaded: LoadedScenario) -> Session:
             guard_parameters=scenario.guard.parameters,
             tick_s=scenario.tick_ms * 1e-3,
             epsg=loaded.epsg,
+            brakes=Brakes(scenario.brakes.deceleration_m_s2, scenario.brakes.reaction_s),
+            sensors=scenario.sensors,
+            faults=scenario.faults,
+            start_utc=scenario.start_utc,
         )
     except ScenarioError as error:
         if error.file is not None:
@@ -125,72 +136,16 @@ def run_scenario(loaded: LoadedScenario, progress: Callable[[Progress], None] | 
     scenario = loaded.scenario
     session = open_session(loaded)
     facts = {"scenario": loaded.file.stem}
-    return run_session(session, scenario.drive, scenario.title, scenario.description, facts, progress)
-
-
-class _Recorder:
-    """Gathers the rows of `Series` while a run goes on."""
-
-    def __init__(self) -> None:
-        self.rows: list[tuple[float, Floats, Floats, Floats, tuple[int, ...], float]] = []
-        self.true_m: list[float] = []
-        self.believed_m: list[float] = []
-        self.self_m: list[float] = []
-        self.tool: list[Floats] = []
-        self.step: list[int] = []
-        self.tick_ms: list[float] = []
-        self.by_limit: list[Mapping[str, float]] = []
-
-    def take(self, done: StepResult, q: Floats, tool: Floats, step: int) -> None:
-        trace = done.trace
-        scale = trace.scale if trace.desired.any() else 1.0  # nothing wanted, nothing held back
-        self.rows.append((done.t_s, q, trace.desired, trace.allowed, trace.valves, scale))
-        self.true_m.append(_metres(done.truth, own=False))
-        self.self_m.append(_metres(done.truth, own=True))
-        seen = trace.clearances
-        outer = seen.distances[seen.other_links < 0] if seen is not None else np.array([])
-        self.believed_m.append(float(outer.min()) if len(outer) else math.nan)
-        self.tool.append(tool)
-        self.step.append(step)
-        self.tick_ms.append(done.tick_ms)
-        self.by_limit.append(done.truth.by_limit)
-
-    def series(self) -> Series:
-        t_s, q, wanted, allowed, valves, scale = (
-            np.array(column, dtype=np.float64) for column in zip(*self.rows, strict=True)
-        )
-        return Series(
-            t_s,
-            q,
-            wanted,
-            allowed,
-            valves,
-            scale,
-            np.array(self.true_m),
-            np.array(self.believed_m),
-            np.array(self.self_m),
-            np.array(self.tool),
-            np.array(self.step, dtype=np.float64),
-            self._nearest_limits(),
-        )
-
-    def _nearest_limits(self) -> dict[str, Floats]:
-        """Return the clearance over time of the limits that came nearest."""
-        least: dict[str, float] = {}
-        for row in self.by_limit:
-            for limit, distance in row.items():
-                least[limit] = min(distance, least.get(limit, distance))
-        nearest = sorted(least, key=lambda limit: (least[limit], limit))[:CURVES]
-        return {limit: np.array([row.get(limit, math.nan) for row in self.by_limit]) for limit in nearest}
-
-    def tick_times(self) -> TickTimes:
-        p50, p99 = np.percentile(self.tick_ms, [50, 99])
-        return TickTimes(float(p50), float(p99), max(self.tick_ms))
-
-
-def _metres(reading: Reading, own: bool) -> float:
-    found = reading.own if own else reading.limit
-    return math.nan if found is None else found.distance_m
+    return run_session(
+        session,
+        scenario.drive,
+        scenario.title,
+        scenario.description,
+        facts,
+        progress,
+        travel=scenario.travel,
+        states=scenario.states,
+    )
 
 
 def run_session(
@@ -200,36 +155,65 @@ def run_session(
     description: str = "",
     facts: dict[str, str] | None = None,
     progress: Callable[[Progress], None] | None = None,
+    *,
+    travel: Sequence[TravelStep] = (),
+    states: Sequence[StateChange] = (),
 ) -> RunResult:
     """Drive a session through the steps.
 
     Args:
-        session: fresh. steps: what the levers do. title, description, facts: for the report.
+        session: fresh; a run ends with the drive, or when it is `finished`. steps: what the levers do.
+        title, description, facts: for the report.
         progress: called after every tick.
+        travel: what the undercarriage does meanwhile. states: work states switched, and when.
 
     Raises:
-        ScenarioError: if a step is aimed at something that does not exist, or the drive never ends.
+        ScenarioError: if a step is aimed at something that does not exist, a state is unknown, or the drive never
+            ends.
     """
     operator = Operator(steps, session.machine, _targets(session))
-    recorder, log = _Recorder(), InterventionLog()
+    along_m, facing = session.start_along_m or (None, 1.0)
+    driver = Driver(travel, along_m, facing, session.brakes)
+    switches = _switches(session, states)
+    recorder, log = Recorder(), InterventionLog()
     start = session.snapshot()
-    before = session.tool
-    while session.t_s < LONGEST_S:
+    before = _in_machine(session.tool, session.true_state[1])
+    while session.t_s < LONGEST_S and not session.finished:
+        while switches and switches[0].at_s <= session.t_s + 1e-9:
+            change = switches.pop(0)
+            session.set_state(change.state, change.on)
         q, T = session.true_state
         tool = session.tool
-        speed = float(np.linalg.norm(tool - before)) / session.tick_s
-        hands = operator.hands(View(session.t_s, q, T, tool, speed))
+        here = _in_machine(tool, T)
+        speed = float(np.linalg.norm(here - before)) / session.tick_s
+        hands = operator.hands(View(session.t_s, q, T, tool, speed, session.ready, not driver.over))
         if hands is None:
             break
+        speed_m_s, travelled_m = session.true_travel
+        wanted = driver.wants(session.t_s, travelled_m, speed_m_s) if hands.enable else (0.0, 0.0)
+        session.travel(*wanted)
         done = session.step(session.intent(hands.mode, hands.levers, enable=hands.enable, line=hands.line))
-        recorder.take(done, q, tool, operator.step)
-        log.take(done.t_s, session.tick_s, done.trace.reasons, not hands.levers.neutral)
-        before = tool
+        recorder.take(done, q, T, tool, operator.step)
+        reasons = (*done.trace.reasons, *done.travel.reasons)
+        log.take(done.t_s, session.tick_s, reasons, not hands.levers.neutral or bool(wanted[0]))
+        before = here
         if progress is not None:
             progress(_progress(session, operator, len(steps), done))
-    else:
+    if session.t_s >= LONGEST_S:
         raise ScenarioError("the drive does not end", element="drive", allowed=f"at most {LONGEST_S:g} s in all")
-    return _result(session, operator, recorder, log, start, (title, description, facts or {}))
+    return _result(session, operator, recorder, log, start, (title, description, facts or {}), bool(states))
+
+
+def _in_machine(tool: Floats, T_site_machine: Floats) -> Floats:
+    """Return a tool point as seen from the undercarriage: one that is only carried along stands still."""
+    return np.asarray(T_site_machine[:3, :3].T @ (tool - T_site_machine[:3, 3]), dtype=np.float64)
+
+
+def _switches(session: Session, states: Sequence[StateChange]) -> list[StateChange]:
+    """Return the changes of work states by their time; refuse unknown ones before anything runs."""
+    for change in states:
+        session.check_state(change.state)
+    return sorted(states, key=lambda change: change.at_s)
 
 
 def _targets(session: Session) -> Targets:
@@ -256,20 +240,23 @@ def _progress(session: Session, operator: Operator, steps: int, done: StepResult
 def _result(
     session: Session,
     operator: Operator,
-    recorder: _Recorder,
+    recorder: Recorder,
     log: InterventionLog,
     start: Snapshot,
     words: tuple[str, str, dict[str, str]],
+    switched: bool,
 ) -> RunResult:
     title, description, facts = words
     truth, machine = session.truth, session.machine
     near = None if truth.nearest is None else truth.nearest.limit
     own = None if truth.nearest_own is None else truth.nearest_own.own
     entries = truth.entries()
+    travel = recorder.travels()
+    places = session.true_state[1][None, :2, 3] if travel is None else travel.path
     return RunResult(
         title=title,
         description=description,
-        facts=facts | _facts(session),
+        facts=facts | run_facts(session),
         joint_names=machine.joint_names,
         prismatic=tuple(bool(slides) for slides in machine.prismatic),
         tick_s=session.tick_s,
@@ -290,52 +277,21 @@ def _result(
         start=start,
         nearest=truth.nearest_snapshot or start,
         end=session.snapshot(),
-        limits=_near(session.limits, session.true_state[1][:3, 3]),
-        limit_names={limit.id: limit.name for limit in session.limits},
-        assumptions=_assumptions(session),
+        limits=_near(session.limits, places),
+        limit_names={limit.id: limit.name for limit in session.limit_set.limits},
+        assumptions=run_assumptions(session, travel is not None, switched),
         warnings=(*session.site.warnings, *session.limit_set.warnings, *session.stand.warnings),
+        position=recorder.positions(),
+        travel=travel,
     )
 
 
-def _facts(session: Session) -> dict[str, str]:
-    machine, crs = session.machine, session.site.crs
-    own = session.stand.own_track
-    return {
-        "site": ", ".join(Path(file).name for file in session.site.files),
-        "coordinates": "none stated" if crs is None else f"{crs.name} (EPSG {crs.epsg})",
-        "machine": f"{machine.title} ({machine.name}), {machine.attachment}",
-        "rules": f"{session.rules.title} ({session.rules.name})",
-        "guard": _guard_words(session.guard),
-        "stands": session.stand.words,
-        "own track, let off": "none" if own is None else own.strip(),
-        "limits": str(len(session.limits)),
-    }
-
-
-def _guard_words(guard: Any) -> str:
-    """Return a guard's name and, if it has any, its parameters."""
-    names = [field.name for field in fields(guard)] if is_dataclass(guard) else []
-    return ", ".join([guard.name, *(f"{name} {getattr(guard, name)}" for name in names)])
-
-
-def _assumptions(session: Session) -> tuple[str, ...]:
-    return (
-        "Joints are ideal: each follows its valve at once, without dead time, lag or flow limit.",
-        "Sensors are perfect: posture and machine pose are exact and fresh at every tick.",
-        "The undercarriage stands still.",
-        "The site is as its files say; what they leave out is not guarded.",
-        "Links are as large as the boxes of the machine's description"
-        f" ({len(session.machine.solids)} of them); clearances are those of the boxes.",
-        f"Truth is checked {SUBSTEPS} times per tick of {session.tick_s * 1000:g} ms, on the simulated posture.",
-    )
-
-
-def _near(limits: Sequence[Limit], place: Floats) -> tuple[Limit, ...]:
-    """Return the limits whose bounding box comes near the machine."""
+def _near(limits: Sequence[Limit], places: Floats) -> tuple[Limit, ...]:
+    """Return the limits whose bounding box comes near any of the machine's places (k, 2)."""
 
     def close(limit: Limit) -> bool:
         points = solid_points(limit.solid)[:, :2]
-        gap = np.maximum(points.min(axis=0) - place[:2], place[:2] - points.max(axis=0))
-        return bool(np.linalg.norm(np.maximum(gap, 0.0)) <= DRAW_WITHIN_M)
+        gaps = np.maximum(points.min(axis=0) - places, places - points.max(axis=0))
+        return bool((np.linalg.norm(np.maximum(gaps, 0.0), axis=1) <= DRAW_WITHIN_M).any())
 
     return tuple(limit for limit in limits if close(limit))

@@ -1,14 +1,19 @@
 """The scenario's own types: what machine stands where on which site, and what its levers do when."""
 
 from collections.abc import Iterable
+from datetime import datetime
 from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from workgauge.rehearse.sensing import FaultChoice, Sensors
+from workgauge.sim.sensors.kit import START_UTC
 
 #: The first hold lasts at least this [s].
 SHORTEST_FIRST_HOLD_S = 0.1
 
 Positive: TypeAlias = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative: TypeAlias = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
 Deflection: TypeAlias = Annotated[float, Field(gt=0, le=1)]
 LeverName: TypeAlias = Literal["left_x", "left_y", "right_x", "right_y", "left_roller", "right_roller"]
@@ -161,7 +166,54 @@ class DriveBack(Part):
     at_most_s: Positive = 60.0
 
 
-Step: TypeAlias = Annotated[Hold | MoveLevers | Swing | DriveLine | DriveBack, Field(discriminator="do")]
+class WaitForTravel(Part):
+    """All levers in the middle until the undercarriage has made every leg of `travel`."""
+
+    do: Literal["wait_for_travel"]
+    at_most_s: Positive = 600.0
+
+
+Step: TypeAlias = Annotated[
+    Hold | MoveLevers | Swing | DriveLine | DriveBack | WaitForTravel, Field(discriminator="do")
+]
+
+
+class TravelStep(Part):
+    """One leg of the undercarriage's way, beside whatever the levers do."""
+
+    from_s: NotNegative = Field(default=0.0, description="begins then, or when the leg before it is made")
+    distance_m: Finite | None = Field(default=None, description="forwards as the machine faces, negative backwards")
+    to_m: NotNegative | None = Field(default=None, description="or to this distance along the alignment it starts on")
+    speed_m_s: Annotated[float, Field(gt=0, le=15)]
+    radius_m: Finite | None = Field(
+        default=None, description="of the turn on open ground, positive left; rails steer themselves"
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> "TravelStep":
+        _exactly_one(self, ("distance_m", "to_m"))
+        if self.distance_m == 0:
+            raise ValueError("distance_m must not be zero")
+        if self.radius_m is not None and abs(self.radius_m) < 1.0:
+            raise ValueError("radius_m must be at least 1 m, to either side")
+        return self
+
+
+class BrakesChoice(Part):
+    """How the undercarriage changes its speed."""
+
+    deceleration_m_s2: Annotated[float, Field(gt=0, le=10)] = Field(default=1.0, description="and acceleration")
+    reaction_s: Annotated[float, Field(ge=0, le=10)] = Field(
+        default=0.2, description="until the brakes act; counted with, not simulated"
+    )
+
+
+class StateChange(Part):
+    """A work state switched at a moment."""
+
+    at_s: NotNegative = 0.0
+    state: str = Field(min_length=1, description="as the rule book's `active_while` names it")
+    on: bool
 
 
 class Scenario(Part):
@@ -178,14 +230,21 @@ class Scenario(Part):
     joints: Literal["ideal"] = Field(
         default="ideal", description="joints follow their command exactly, without delay"
     )
-    sensors: Literal["perfect"] = Field(
-        default="perfect", description="measurements are exact and fresh at every tick"
+    sensors: Sensors = Field(
+        default="perfect", description="measurements are exact and fresh at every tick; or simulated receivers"
     )
+    faults: tuple[FaultChoice, ...] = Field(default=(), description="what goes wrong with simulated sensors")
+    start_utc: datetime = Field(default=START_UTC, description="UTC at the start, with its time zone")
     tick_ms: Annotated[float, Field(ge=1, le=100)] = 10.0
     drive: tuple[Step, ...] = Field(min_length=1)
+    travel: tuple[TravelStep, ...] = Field(default=(), description="the undercarriage's way, while the levers work")
+    brakes: BrakesChoice = BrakesChoice()
+    states: tuple[StateChange, ...] = Field(default=(), description="work states switched; all are on at the start")
 
     @model_validator(mode="after")
     def _in_order(self) -> "Scenario":
+        if self.start_utc.tzinfo is None:
+            raise ValueError("start_utc: needs a time zone, as in 2026-03-02T08:00:00Z")
         first = self.drive[0]
         if not isinstance(first, Hold) or first.for_s < SHORTEST_FIRST_HOLD_S:
             raise ValueError(
@@ -194,6 +253,8 @@ class Scenario(Part):
         for i, step in enumerate(self.drive):
             if isinstance(step, DriveBack) and not any(isinstance(earlier, DriveLine) for earlier in self.drive[:i]):
                 raise ValueError("drive: `back` needs a `tool_line` before it")
+        if not self.travel and any(isinstance(step, WaitForTravel) for step in self.drive):
+            raise ValueError("drive: `wait_for_travel` needs a `travel`")
         return self
 
 

@@ -161,10 +161,12 @@ def _lines(node: Any, at: tuple[str, ...], path: Path) -> Iterable[tuple[str, in
 def _translated(error: ValidationError, path: Path, lines: dict[str, int]) -> ScenarioError:
     """Return the first of pydantic's complaints as one of ours."""
     first = error.errors(include_url=False)[0]
-    # A step's tag (`hold`, `tool_line`) stands in pydantic's place but not in the file.
-    parts = [str(part) for part in first["loc"]]
-    if len(parts) > 2 and parts[0] == "drive":
-        parts.pop(2)
+    # What tells variants apart (`hold`, `tool_line`) stands in pydantic's place but not in the file.
+    parts: list[str] = []
+    for i, part in enumerate(str(step) for step in first["loc"]):
+        absent = first["type"] == "missing" and i == len(first["loc"]) - 1
+        if absent or ".".join([*parts, part]) in lines:
+            parts.append(part)
     element = ".".join(parts)
     line = next((lines[".".join(parts[:k])] for k in range(len(parts), 0, -1) if ".".join(parts[:k]) in lines), None)
     value = first["input"]

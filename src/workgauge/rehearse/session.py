@@ -3,18 +3,18 @@
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from workgauge.gauge.build import LimitSet, build_limits
-from workgauge.gauge.own_track import without_own_track
+from workgauge.gauge.following import OnTracks, TrackFollower
 from workgauge.gauge.rulebook import load_rule_book
 from workgauge.gauge.rules import RuleBook
 from workgauge.guard.api import Guard
-from workgauge.guard.registry import guard_named
+from workgauge.guard.travel import Brakes
 from workgauge.loop.config import search_radius_m, tick_config
 from workgauge.loop.inputs import TickInputs
 from workgauge.loop.memory import first_memory
@@ -22,20 +22,30 @@ from workgauge.loop.tick import Trace, tick
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
 from workgauge.proximity.scene import Scene
-from workgauge.rehearse.posture import start_posture
+from workgauge.rehearse.choices import chosen_files, chosen_guard, chosen_place, chosen_posture
+from workgauge.rehearse.navigation import Known, Source, armed
+from workgauge.rehearse.posture import LetOff, start_posture
 from workgauge.rehearse.result import Snapshot
 from workgauge.rehearse.scenario import OnGround, OnTrack
-from workgauge.rehearse.shipped import shipped_names, shipped_site_files
+from workgauge.rehearse.senses import Senses, senses
+from workgauge.rehearse.sensing import FaultChoice, Sensors
 from workgauge.rehearse.start import stand
 from workgauge.rehearse.targets import nearest_point
-from workgauge.rehearse.truth import GeometricTruth, Reading, snapshot
+from workgauge.rehearse.travelling import Travel, TravelGround, allowed_travel, believed_place
+from workgauge.rehearse.truth import GeometricTruth, Reading, refuse_inside, snapshot
+from workgauge.rehearse.ways import RailPlace, way_from
 from workgauge.sim.kinematic import KinematicPlant
+from workgauge.sim.sensors.kit import START_UTC
 from workgauge.site.model import SiteModel
 from workgauge.site.read import read_site
-from workgauge.values.arrays import Floats, frozen
+from workgauge.values.arrays import Floats
 from workgauge.values.errors import ScenarioError
-from workgauge.values.measurements import DriveMode, Intent, Levers, MachinePose, Posture, Stamp, ToolLine
-from workgauge.wire.messages import NAME_BYTES, decode
+from workgauge.values.limits import Limit
+from workgauge.values.measurements import DriveMode, Intent, Levers, Stamp, ToolLine
+from workgauge.values.ports import Chunk
+from workgauge.values.transforms import heading_from_yaw
+from workgauge.wire.messages import NAME_BYTES
+from workgauge.wire.stream import Tally
 
 #: The shipped site, and the rule book it is built to.
 SHIPPED_SITE, SHIPPED_SITE_RULES = "double_track", "finland"
@@ -49,9 +59,6 @@ TRUTH_RADIUS_M = 10.0
 #: A start posture takes the nearest pole into account up to this far away [m].
 POLE_WITHIN_M = 15.0
 
-#: Coordinates beyond this are on no map [m].
-FARTHEST_M = 1e8
-
 #: How far the tick looks: more than a full-speed stop of a 20 t machine (6.7 m).
 TICK_RADIUS_M = 7.0
 
@@ -64,13 +71,20 @@ class StepResult:
         t_s: start of the tick [s].
         trace: what the tick saw, wanted and allowed, with its reasons.
         frame: the valve command bytes that left the tick.
-        truth: the nearest true clearance within the step. tick_ms: wall-clock time of the tick alone [ms].
+        truth: the nearest true clearance within the step. before: the truth at the step's beginning.
+        known: posture, pose and health the tick was given. tracks: what the machine is believed to stand on.
+        travel: of the undercarriage.
+        tick_ms: wall-clock time of the tick alone [ms].
     """
 
     t_s: float
     trace: Trace
     frame: bytes
     truth: Reading
+    before: Reading
+    known: Known
+    tracks: OnTracks
+    travel: Travel
     tick_ms: float
 
 
@@ -89,6 +103,11 @@ class Session:
             arm would be in the way there, for a posture like it that is clear of the nearest pole.
         attachment: the attachment to mount, if the machine is loaded here.
         tick_s: tick period [s]. epsg: coordinate system, where the site files name none or a wrong one.
+        brakes: of the undercarriage.
+        sensors: `perfect`, or how the simulated receivers and link sensors of the machine behave; faults: what goes
+            wrong with them.
+        source: sends the bytes of receivers and sensors in their place (a log, a serial port).
+        start_utc: UTC at the start of the simulated time.
 
     Raises:
         InputError: for anything handed in that cannot be used; `ScenarioError` if the machine would start inside a
@@ -108,56 +127,91 @@ class Session:
         guard_parameters: Mapping[str, float] | None = None,
         tick_s: float = 0.01,
         epsg: int | None = None,
+        brakes: Brakes | None = None,
+        sensors: Sensors = "perfect",
+        faults: Sequence[FaultChoice] = (),
+        source: Source | None = None,
+        start_utc: datetime = START_UTC,
     ) -> None:
-        self.site = site if isinstance(site, SiteModel) else read_site(_site_files(site), epsg=epsg)
+        self.site = site if isinstance(site, SiteModel) else read_site(chosen_files(site), epsg=epsg)
         self.machine = machine if isinstance(machine, MachineModel) else load_machine(machine, attachment)
         if rules is None:
             rules = SHIPPED_SITE_RULES if site == SHIPPED_SITE else "generic"
         self.rules = rules if isinstance(rules, RuleBook) else load_rule_book(rules)
-        self.guard = _guard(guard, guard_parameters or {}) if isinstance(guard, str) else guard
+        self.guard = chosen_guard(guard, guard_parameters or {}) if isinstance(guard, str) else guard
         self.tick_s = tick_s
-        self.stand = stand(self.site, self.rules, self.machine, _place(at, self.site))
+        self.brakes = brakes or Brakes()
+        asked = chosen_place(at, self.site)
+        self.stand = stand(self.site, self.rules, self.machine, asked)
         position = self.stand.T_absolute_machine[:3, 3]
         self.frame = self.site.frame((float(position[0]), float(position[1]), float(position[2])))
-        T = np.array(self.stand.T_absolute_machine)
-        T[:3, 3] = self.frame.to_local(position)
-        self.limit_set: LimitSet = build_limits(self.site, self.rules, self.frame)
-        self.limits = without_own_track(self.limit_set, self.stand.own_track)
+        self.limit_set: LimitSet = build_limits(self.site, self.rules, self.frame, start_utc)
         self.off_states: frozenset[str] = frozenset()
-        self._scene = Scene(self.machine, self.limits)
-        radius_m = max(TICK_RADIUS_M, search_radius_m(self.guard, self.limits))
-        self.machine_id = self.machine.name.encode()[:NAME_BYTES].decode(errors="ignore")
-        self._config = tick_config(
-            self.machine, self.guard, machine_id=self.machine_id, dt_s=tick_s, radius_m=radius_m
-        )
-        self._memory = first_memory(self._config)
-        self._now_ns = 0
-        self._tick_ns = round(tick_s * 1e9)
-        self._posture: Posture | None = None
-        self._pose: MachinePose | None = None
-        q = self._start_posture(T) if posture is None else _posture(self.machine, posture)
-        self.truth = GeometricTruth(self.machine, self.limits, TRUTH_RADIUS_M)
+        self.states = frozenset(one.activity.state for one in self.limit_set.limits if one.activity.state is not None)
+        self._scene = Scene(self.machine, self.limit_set.limits)
+        self._place = way_from(self.site, self.rules, self.machine, self.frame, asked, self.stand)
+        T = self._place.T_site_machine
+        self._follower = TrackFollower(self.site, self.rules)
+        self._tracks = self._true_tracks = self._standing_on(OnTracks(self.stand.own_track), T)
+        self.start_utc = start_utc
+        self._configure(sensors, faults, source)
+        q = self._start_posture(T) if posture is None else chosen_posture(self.machine, posture)
+        self.truth = GeometricTruth(self.machine, self.limit_set.limits, TRUTH_RADIUS_M)
         self._refuse_inside(q, T)
-        self._readings: list[Reading] = []
         self._plant = KinematicPlant(
             self.machine,
             machine_id=self.machine_id,
             q=q,
-            T_site_machine=T,
+            place=self._place,
+            acceleration_m_s2=self.brakes.deceleration_m_s2,
             substep_s=tick_s / SUBSTEPS,
-            on_substep=self._check_truth,
+            on_substep=self._substep,
+        )
+        if self._source is not None:
+            self._source.advance(0, q, T)
+
+    def _configure(self, sensors: Sensors, faults: Sequence[FaultChoice], source: Source | None) -> None:
+        """Set up the senses, the tick and what it remembers."""
+        radius_m = max(TICK_RADIUS_M, search_radius_m(self.guard, self.limit_set.limits))
+        self.machine_id = self.machine.name.encode()[:NAME_BYTES].decode(errors="ignore")
+        self._config = tick_config(
+            self.machine,
+            self.guard,
+            machine_id=self.machine_id,
+            dt_s=self.tick_s,
+            radius_m=radius_m,
+            tool_sigma_m=0.0 if sensors == "perfect" and source is None else None,
+        )
+        self._memory = first_memory(self._config)
+        self._now_ns = 0
+        self._tick_ns = round(self.tick_s * 1e9)
+        self.senses: Senses = senses(self, sensors, faults, source)
+        self._navigator, self._source = self.senses.navigator, self.senses.source
+        self._known = Known()
+        self.checked = False  # whether a valid start-of-shift check was seen, see `navigation.armed`
+        self._readings: list[Reading] = []
+        self._wanted_travel = 0.0, 0.0
+        self._travel_ground = TravelGround(
+            self.machine, self.limit_set.limits, self._follower.tracks, self.brakes, self.guard
         )
 
     def _start_posture(self, T_site_machine: Floats) -> Floats:
         """Return home, or a posture clear of the nearest pole that the machine could be driven at."""
         near = nearest_point(self.limits, T_site_machine[:3, 3])
         away = math.inf if near is None else float(np.linalg.norm((near - T_site_machine[:3, 3])[:2]))
-        return start_posture(self._scene, T_site_machine, near if away < POLE_WITHIN_M else None)
+        around = LetOff(self._scene, self._true_tracks.let_off)
+        return start_posture(around, T_site_machine, near if away < POLE_WITHIN_M else None)
 
     @property
     def t_s(self) -> float:
         """Simulated time [s]."""
         return self._now_ns * 1e-9
+
+    @property
+    def limits(self) -> tuple[Limit, ...]:
+        """The limits of the site, without the envelopes of tracks the machine is let off now."""
+        let_off = self._tracks.let_off
+        return tuple(limit for limit in self.limit_set.limits if limit.own_track_of not in let_off)
 
     @property
     def true_state(self) -> tuple[Floats, Floats]:
@@ -166,19 +220,89 @@ class Session:
         return q, T
 
     @property
+    def true_travel(self) -> tuple[float, float]:
+        """The true speed [m/s] of the undercarriage and the way it has made, forwards less backwards [m]."""
+        return self._plant.speed_m_s, self._plant.travelled_m
+
+    @property
+    def start_along_m(self) -> tuple[float, float] | None:
+        """Where on its alignment the machine started [m], and +1 or -1 for facing along or against it, or None."""
+        if not isinstance(self._place, RailPlace):
+            return None
+        return self._place.distance_m, 1.0 if self._place.forward else -1.0
+
+    @property
     def tool(self) -> Floats:
         """The true tool centre point (3,) in the site's local frame [m]."""
         q, T = self.true_state
         return np.asarray((T @ self.machine.tool_pose(self.machine.forward(q)))[:3, 3], dtype=np.float64)
 
+    @property
+    def tallies(self) -> Mapping[str, Tally]:
+        """What became of the sentences and messages of each port; empty where sensors are perfect."""
+        return self._navigator.tallies
+
+    @property
+    def standing_assumption(self) -> str:
+        """What a run without travel takes for granted of its undercarriage."""
+        return "The undercarriage stands still."
+
+    @property
+    def ready(self) -> bool:
+        """Whether posture and position are known and may be used."""
+        known = self._known
+        usable = known.health is None or known.health.state.usable
+        return self._source is None or (known.posture is not None and known.pose is not None and usable)
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing more can come; a simulated machine goes on for ever."""
+        return False
+
     def snapshot(self) -> Snapshot:
         """Return the machine as it truly stands now."""
         q, T = self.true_state
-        return snapshot(self.machine, self.truth.look(self._now_ns, q, T, self.off_states), q, T)
+        reading = self.truth.look(self._now_ns, q, T, self.off_states, self._true_tracks.let_off)
+        return snapshot(self.machine, reading, q, T)
 
     def limit_name(self, limit_id: str) -> str:
         """Return what a person calls a limit."""
-        return next((limit.name for limit in self.limits if limit.id == limit_id), limit_id)
+        return next((limit.name for limit in self.limit_set.limits if limit.id == limit_id), limit_id)
+
+    def set_state(self, name: str, on: bool) -> None:
+        """Switch a work state (`Track 2 open to traffic`) from the next step on; every state is on at the start.
+
+        Raises:
+            ScenarioError: if no limit of the site depends on a state of that name.
+        """
+        self.check_state(name)
+        self.off_states = self.off_states - {name} if on else self.off_states | {name}
+
+    def check_state(self, name: str) -> None:
+        """Refuse the name of a work state that no limit of the site depends on.
+
+        Raises:
+            ScenarioError: if it is one, naming those there are.
+        """
+        if name not in self.states:
+            known = ", ".join(repr(state) for state in sorted(self.states)) or "none, no limit depends on a state"
+            raise ScenarioError("no limit depends on such a state", element="state", value=name, allowed=known)
+
+    def travel(self, speed_m_s: float, curvature: float = 0.0) -> None:
+        """Say how fast the undercarriage is to travel from the next step on, until it is said anew.
+
+        Limits, a closed gate and a lost position leave less of it, see `StepResult.travel`.
+
+        Args:
+            speed_m_s: forwards as the machine faces, negative backwards.
+            curvature: how it is steered on open ground [1/m], positive left; rails steer themselves.
+
+        Raises:
+            ValueError: if either is not a finite number.
+        """
+        if not (math.isfinite(speed_m_s) and math.isfinite(curvature)):
+            raise ValueError(f"travel needs finite numbers, not {speed_m_s} m/s, {curvature} 1/m")
+        self._wanted_travel = speed_m_s, curvature
 
     def intent(
         self,
@@ -199,105 +323,78 @@ class Session:
             intent: what the operator wants, or None if nobody is there (then the machine stops).
         """
         now = self._now_ns
-        for chunk in self._plant.read():
-            value = decode(chunk.data, now).value
-            if isinstance(value, Posture):
-                self._posture = value
-            elif isinstance(value, MachinePose):
-                self._pose = value
-        inputs = TickInputs(now, self._posture, self._pose, intent, self._scene, self.off_states)
+        known = self._navigator.take(self._chunks(now), now, self._follower.track(self._tracks.own))
+        self._known = known = armed(known, self.machine, self.checked)
+        if known.pose is not None:
+            self._tracks = self._standing_on(self._tracks, known.pose.T_site_machine)
+        off, let_off = self.off_states, self._tracks.let_off
+        inputs = TickInputs(now, known.posture, known.pose, intent, self._scene, off, let_off, known.health)
         began = time.perf_counter_ns()
         outputs, self._memory, trace = tick(inputs, self._memory, self._config)
         tick_ms = (time.perf_counter_ns() - began) * 1e-6
+        before = self._truth_now()
         self._plant.write(outputs.frame)
+        travel = self._drive(trace)
         self._readings.clear()
         self._plant.advance(self.tick_s)
         truth = min(self._readings, key=lambda one: math.inf if one.limit is None else one.limit.distance_m)
         self._now_ns = now + self._tick_ns
-        return StepResult(now * 1e-9, trace, outputs.frame, truth, tick_ms)
+        return StepResult(
+            now * 1e-9,
+            trace,
+            outputs.frame,
+            truth,
+            before,
+            known,
+            self._tracks,
+            travel.made(*self.true_travel),
+            tick_ms,
+        )
 
-    def _check_truth(self, now_ns: int, q: Floats, T_site_machine: Floats) -> None:
-        """Take in the truth of one substep."""
-        self._readings.append(self.truth.check(now_ns, q, T_site_machine, self.off_states))
+    def _chunks(self, now_ns: int) -> list[Chunk]:
+        """Return what arrived: from the plant itself if its sensors are perfect, else from the source."""
+        perfect = self._plant.read()
+        return perfect if self._source is None else self._source.read(now_ns)
+
+    def _standing_on(self, before: OnTracks, T_site_machine: Floats) -> OnTracks:
+        """Return what a machine at this pose stands on."""
+        e, n = self.frame.to_absolute(T_site_machine[:3, 3])[:2]
+        heading = heading_from_yaw(math.atan2(T_site_machine[1, 0], T_site_machine[0, 0]))
+        return self._follower.follow(before, float(e), float(n), heading)
+
+    def _truth_now(self) -> Reading:
+        """Return the truth at the step's beginning: the last substep's, unless what counts was switched since."""
+        q, T = self.true_state
+        if self._readings and self._checked_off == self.off_states:
+            return self._readings[-1]
+        return self.truth.look(self._now_ns, q, T, self.off_states, self._true_tracks.let_off)
+
+    def _drive(self, trace: Trace) -> Travel:
+        """Tell the undercarriage how fast it may go."""
+        wanted, curvature = self._wanted_travel
+        if not wanted:
+            self._plant.travel(0.0, curvature)
+            return Travel(curvature=curvature)
+        pose, rails = self._known.pose, None
+        own = self._follower.track(self._tracks.own)
+        if pose is not None and own is not None and isinstance(self._place, RailPlace):
+            rails = believed_place(pose, self._place.network, own)
+        allowed, reasons = allowed_travel(
+            wanted, curvature, trace, self._known, rails, self._travel_ground, self._memory.gate.open
+        )
+        self._plant.travel(allowed, curvature)
+        return Travel(wanted, allowed, curvature=curvature, reasons=reasons)
+
+    def _substep(self, now_ns: int, q: Floats, T_site_machine: Floats) -> None:
+        """Let the sensors see one substep, and take in its truth."""
+        if self._source is not None:
+            self._source.advance(now_ns, q, T_site_machine)
+        self._true_tracks = self._standing_on(self._true_tracks, T_site_machine)
+        self._checked_off = self.off_states
+        self._readings.append(self.truth.check(now_ns, q, T_site_machine, self.off_states, self._true_tracks.let_off))
 
     def _refuse_inside(self, q: Floats, T_site_machine: Floats) -> None:
         """Take in the truth at the start; refuse a start inside a limit or with links in each other."""
-        reading = self.truth.check(0, q, T_site_machine, self.off_states)
-        for found in (reading.limit, reading.own):
-            if found is not None and found.distance_m < 0:
-                own = found.limit.startswith("self:")
-                name = f"its own {found.limit.removeprefix('self:')}" if own else self.limit_name(found.limit)
-                raise ScenarioError(
-                    f"the machine starts inside {name} ({found.limit}): its {found.link} is "
-                    f"{-found.distance_m:.3f} m deep",
-                    element="start",
-                    value=self.stand.words,
-                    allowed="a place and posture outside every limit",
-                )
-
-
-def _guard(name: str, parameters: Mapping[str, float]) -> Guard:
-    """Return the guard of that name with these of its parameters changed."""
-    guard: Any = guard_named(name)
-    known = [field.name for field in fields(guard)]
-    for key in parameters:
-        if key not in known:
-            raise ScenarioError(
-                f"guard {name} has no such parameter", element=key, allowed=", ".join(known) or "none"
-            )
-    chosen: Guard = replace(guard, **parameters)
-    return chosen
-
-
-def _site_files(site: str | Path | Sequence[str | Path]) -> list[Path]:
-    if isinstance(site, str | Path):
-        if not Path(site).exists() and str(site) in shipped_names("sites"):
-            return list(shipped_site_files(str(site)))
-        return [Path(site)]
-    return [Path(file) for file in site]
-
-
-def _place(at: tuple[float, float, float] | OnTrack | OnGround | None, site: SiteModel) -> OnTrack | OnGround:
-    if isinstance(at, OnGround) and not max(abs(at.east_m), abs(at.north_m)) <= FARTHEST_M:
-        raise ScenarioError(
-            "no map has such a place",
-            element="start",
-            value=f"E {at.east_m:g} N {at.north_m:g}",
-            allowed=f"up to {FARTHEST_M:g} m",
-        )
-    if isinstance(at, OnTrack | OnGround):
-        return at
-    if at is not None:
-        if not all(math.isfinite(value) for value in at):
-            raise ScenarioError("the place must be finite numbers", element="at", value=at, allowed="E, N, heading")
-        return _place(OnGround(east_m=at[0], north_m=at[1], heading_deg=at[2]), site)
-    if not site.alignments:
-        raise ScenarioError("say where the machine stands", element="at", allowed="(east, north, heading in degrees)")
-    first = site.alignments[0]
-    return OnTrack(alignment=first.name, distance_m=0.5 * first.length)
-
-
-def _posture(machine: MachineModel, given: Mapping[str, float]) -> Floats:
-    """Return the start posture: home, with the joints named in `given`.
-
-    Raises:
-        ScenarioError: for an unknown joint or a position beyond its limits.
-    """
-    q = np.array(machine.home)
-    for name, position in given.items():
-        if name not in machine.joint_names:
-            raise ScenarioError(
-                "no such joint", element="posture", value=name, allowed=", ".join(machine.joint_names)
-            )
-        j = machine.joint_names.index(name)
-        if not machine.q_min[j] <= position <= machine.q_max[j]:
-            unit, factor = ("m", 1.0) if machine.prismatic[j] else ("°", math.degrees(1.0))
-            low, high = machine.q_min[j] * factor, machine.q_max[j] * factor
-            raise ScenarioError(
-                f"joint {name} beyond its limits",
-                element="posture",
-                value=f"{position * factor:g} {unit}",
-                allowed=f"{low:g} to {high:g} {unit}",
-            )
-        q[j] = position
-    return frozen(q)
+        self._checked_off = self.off_states
+        reading = self.truth.check(0, q, T_site_machine, self.off_states, self._true_tracks.let_off)
+        refuse_inside(reading, self.limit_name, self.stand.words)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from workgauge.gauge.match import rule_for
 from workgauge.gauge.own_track import own_track
 from workgauge.gauge.rules import RuleBook, TrackBlock
 from workgauge.gauge.sections import CantRotation
-from workgauge.gauge.trackline import filled_line
+from workgauge.gauge.trackline import FilledLine, filled_line
 from workgauge.gauge.tracks import cant_rotation
 from workgauge.machine.model import MachineModel
 from workgauge.rehearse.ground import footprint_grid, plane_under
@@ -73,54 +74,81 @@ def stand(site: SiteModel, rules: RuleBook, machine: MachineModel, place: OnTrac
 def on_rails(
     site: SiteModel, rules: RuleBook, alignment: Alignment, distance: float, forward: bool, machine: MachineModel
 ) -> Stand:
-    """Return the pose on the rails of an alignment: along its tangent, tilted by gradient and cant.
-
-    Where the alignment has no height of its own, the machine stands where its limits are made: see `gauge.heights`.
+    """Return the pose on the rails of an alignment, see `Rails`.
 
     Raises:
         SiteError: if the alignment has no such distance.
         ScenarioError: if nothing says how high the rails are there.
     """
-    state = alignment.at([distance])
-    heading, cant = float(state.heading[0]), float(state.cant[0])
-    z, gradient = float(state.z[0]), float(state.gradient[0])
+    rails, name = Rails(site, rules, alignment, machine), alignment.name.strip()
+    T = rails.pose(distance, forward)
     warnings: tuple[str, ...] = ()
-    if math.isnan(z):
-        z, gradient = _filled_height(site, rules, alignment, distance)
-        name = alignment.name.strip()
+    if math.isnan(float(alignment.at([distance]).z[0])):
+        z = rails.height(distance)
         warnings = (f"{name} has no height of its own at {distance:.1f} m: the machine stands at {z:.2f} m",)
-    direction = np.array([math.sin(heading), math.cos(heading), gradient])
-    direction /= np.linalg.norm(direction)
-    level = np.array([-math.cos(heading), math.sin(heading), 0.0])
-    up = np.cross(direction, level)
-    # The middle of the track and a point 1 m to its left, as the track's cant turns them.
-    ys, zs = _cant_rotation(rules, alignment).turn(np.array([[0.0, 1.0]]), np.zeros((1, 2)), np.array([cant]))
-    middle, beside = (level * ys[0, i] + up * zs[0, i] for i in range(2))
-    position = np.array([float(state.e[0]), float(state.n[0]), z]) + middle
-    left = beside - middle
-    if not forward:
-        direction, left = -direction, -left
     facing = "facing forward" if forward else "facing backward"
-    return Stand(
-        _pose(position, direction, left, machine.undercarriage.height_m),
-        f"on the rails of {alignment.name.strip()} at {distance:.3f} m, {facing}",
-        alignment.name,
-        warnings,
-    )
+    return Stand(T, f"on the rails of {name} at {distance:.3f} m, {facing}", alignment.name, warnings)
 
 
-def _filled_height(site: SiteModel, rules: RuleBook, alignment: Alignment, distance: float) -> tuple[float, float]:
-    """Return the height and gradient at which the limits of an alignment without heights are made."""
-    filled = filled_line(alignment, SiteHeights(site, rules), np.zeros(3), float(rules.rail_above_surface_m))
-    if any(first <= distance <= last for first, last in filled.unknown):
-        raise ScenarioError(
-            "nothing says how high the rails are there",
-            element=f"alignment {alignment.name.strip()!r}",
-            value=f"{distance:.3f} m",
-            allowed="a place with a profile, a surface, or a profile near by",
-        )
-    state = filled.line.at(np.array([distance]))
-    return float(state.points[0, 2]), float(state.gradient[0])
+class Rails:
+    """An alignment's rails as a machine stands on them: along the tangent, tilted by gradient and cant.
+
+    Where the alignment has no height of its own, the machine stands where its limits are made: see `gauge.heights`.
+    """
+
+    def __init__(self, site: SiteModel, rules: RuleBook, alignment: Alignment, machine: MachineModel) -> None:
+        self.alignment = alignment
+        self._site, self._rules = site, rules
+        self._rotation = _cant_rotation(rules, alignment)
+        self._height_m = machine.undercarriage.height_m
+
+    def pose(self, distance: float, forward: bool) -> Floats:
+        """Return (4, 4), machine coordinates into absolute east, north, height [m].
+
+        Raises:
+            SiteError: if the alignment has no such distance.
+            ScenarioError: if nothing says how high the rails are there.
+        """
+        state = self.alignment.at([distance])
+        heading, cant = float(state.heading[0]), float(state.cant[0])
+        z, gradient = float(state.z[0]), float(state.gradient[0])
+        if math.isnan(z):
+            z, gradient = self._filled_height(distance)
+        direction = np.array([math.sin(heading), math.cos(heading), gradient])
+        direction /= np.linalg.norm(direction)
+        level = np.array([-math.cos(heading), math.sin(heading), 0.0])
+        up = np.cross(direction, level)
+        # The middle of the track and a point 1 m to its left, as the track's cant turns them.
+        ys, zs = self._rotation.turn(np.array([[0.0, 1.0]]), np.zeros((1, 2)), np.array([cant]))
+        middle, beside = (level * ys[0, i] + up * zs[0, i] for i in range(2))
+        position = np.array([float(state.e[0]), float(state.n[0]), z]) + middle
+        left = beside - middle
+        if not forward:
+            direction, left = -direction, -left
+        return _pose(position, direction, left, self._height_m)
+
+    def height(self, distance: float) -> float:
+        """Return the height of the rails at a place, its own or filled in [m]."""
+        z = float(self.alignment.at([distance]).z[0])
+        return self._filled_height(distance)[0] if math.isnan(z) else z
+
+    @cached_property
+    def _filled(self) -> FilledLine:
+        heights = SiteHeights(self._site, self._rules)
+        return filled_line(self.alignment, heights, np.zeros(3), float(self._rules.rail_above_surface_m))
+
+    def _filled_height(self, distance: float) -> tuple[float, float]:
+        """Return the height and gradient at which the limits of an alignment without heights are made."""
+        filled = self._filled
+        if any(first <= distance <= last for first, last in filled.unknown):
+            raise ScenarioError(
+                "nothing says how high the rails are there",
+                element=f"alignment {self.alignment.name.strip()!r}",
+                value=f"{distance:.3f} m",
+                allowed="a place with a profile, a surface, or a profile near by",
+            )
+        state = filled.line.at(np.array([distance]))
+        return float(state.points[0, 2]), float(state.gradient[0])
 
 
 def _cant_rotation(rules: RuleBook, alignment: Alignment) -> CantRotation:

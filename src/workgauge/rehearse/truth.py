@@ -1,6 +1,6 @@
 """Geometric truth: the real clearance of the real posture at every substep, whatever the program believes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ from workgauge.proximity.scene import Scene
 from workgauge.rehearse.result import Entry, Snapshot
 from workgauge.values.arrays import Floats
 from workgauge.values.clearances import Clearance, Clearances
+from workgauge.values.errors import ScenarioError
 from workgauge.values.limits import Limit
 
 
@@ -21,12 +22,14 @@ class Reading:
         t_s: when [s].
         limit: the nearest limit; own: the machine's own nearest pair; None if none was in sight.
         by_limit: smallest signed clearance to each limit in sight [m].
+        found: all clearances in sight.
     """
 
     t_s: float
     limit: Clearance | None
     own: Clearance | None
     by_limit: Mapping[str, float]
+    found: Clearances
 
 
 @dataclass(slots=True)
@@ -55,27 +58,40 @@ class GeometricTruth:
         self.machine = machine
         self.radius_m = radius_m
         self._scene = Scene(machine, limits)
-        self._activity = {limit.id: limit.activity for limit in limits}
+        self._limits = {limit.id: limit for limit in limits}
         self._open: dict[str, _Inside] = {}
         self._closed: list[tuple[str, _Inside]] = []
         self._checked_ns: int | None = None
         self._checked_off: frozenset[str] = frozenset()
+        self._checked_let_off: frozenset[str] = frozenset()
         self.nearest: Reading | None = None
         self.nearest_own: Reading | None = None
         self.nearest_snapshot: Snapshot | None = None
 
-    def look(self, now_ns: int, q: Floats, T_site_machine: Floats, off_states: frozenset[str]) -> Reading:
+    def look(
+        self,
+        now_ns: int,
+        q: Floats,
+        T_site_machine: Floats,
+        off_states: frozenset[str] = frozenset(),
+        let_off: frozenset[str] = frozenset(),
+    ) -> Reading:
         """Return the truth at a posture without keeping anything."""
         kin = self.machine.forward(q)
-        found = self._scene.query(kin, T_site_machine, self.radius_m, now_ns, off_states)
+        found = self._scene.query(kin, T_site_machine, self.radius_m, now_ns, off_states, let_off)
         return _reading(now_ns, found)[0]
 
     def check(
-        self, now_ns: int, q: Floats, T_site_machine: Floats, off_states: frozenset[str] = frozenset()
+        self,
+        now_ns: int,
+        q: Floats,
+        T_site_machine: Floats,
+        off_states: frozenset[str] = frozenset(),
+        let_off: frozenset[str] = frozenset(),
     ) -> Reading:
-        """Take in the truth at `now_ns` and return it."""
+        """Take in the truth at `now_ns`, with the work states off and the tracks let off then, and return it."""
         kin = self.machine.forward(q)
-        found = self._scene.query(kin, T_site_machine, self.radius_m, now_ns, off_states)
+        found = self._scene.query(kin, T_site_machine, self.radius_m, now_ns, off_states, let_off)
         reading, inside = _reading(now_ns, found)
         self._follow(now_ns, inside)
         if reading.limit is not None and (
@@ -91,7 +107,7 @@ class GeometricTruth:
             or reading.own.distance_m < self.nearest_own.own.distance_m
         ):
             self.nearest_own = reading
-        self._checked_ns, self._checked_off = now_ns, off_states
+        self._checked_ns, self._checked_off, self._checked_let_off = now_ns, off_states, let_off
         return reading
 
     def _follow(self, now_ns: int, inside: dict[str, Clearance]) -> None:
@@ -103,8 +119,10 @@ class GeometricTruth:
             depth, current = -clearance.distance_m, self._open.get(limit)
             if current is None:
                 before = self._checked_ns
-                activity = self._activity.get(limit)
-                own = before is not None and (activity is None or activity.active(before, self._checked_off))
+                known = self._limits.get(limit)
+                own = before is not None and (
+                    known is None or known.counts(before, self._checked_off, self._checked_let_off)
+                )
                 self._open[limit] = _Inside(clearance.link, t_s, t_s, depth, own)
             else:
                 current.end_s = t_s
@@ -139,7 +157,29 @@ def _reading(now_ns: int, found: Clearances) -> tuple[Reading, dict[str, Clearan
         rows = np.flatnonzero(which)
         return found[int(rows[np.argmin(found.distances[rows])])] if len(rows) else None
 
-    return Reading(now_ns * 1e-9, least(outer), least(own), by_limit), inside
+    return Reading(now_ns * 1e-9, least(outer), least(own), by_limit, found), inside
+
+
+def refuse_inside(reading: Reading, name_of: Callable[[str], str], words: str) -> None:
+    """Refuse a start inside a limit or with links in each other.
+
+    Args:
+        reading: the truth at the start. name_of: what people call a limit. words: where the machine stands.
+
+    Raises:
+        ScenarioError: if it is one.
+    """
+    for found in (reading.limit, reading.own):
+        if found is not None and found.distance_m < 0:
+            own = found.limit.startswith("self:")
+            name = f"its own {found.limit.removeprefix('self:')}" if own else name_of(found.limit)
+            raise ScenarioError(
+                f"the machine starts inside {name} ({found.limit}): its {found.link} is "
+                f"{-found.distance_m:.3f} m deep",
+                element="start",
+                value=words,
+                allowed="a place and posture outside every limit",
+            )
 
 
 def snapshot(machine: MachineModel, reading: Reading, q: Floats, T_site_machine: Floats) -> Snapshot:

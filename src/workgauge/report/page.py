@@ -1,17 +1,16 @@
 """The report page: one self-contained HTML file with its pictures inside and no reference to anything outside."""
 
 import json
-import shutil
-import tempfile
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 
 from workgauge.rehearse.result import RunResult
 from workgauge.report.figures import clearance_figure, scale_figure, speed_figure
+from workgauge.report.position_figures import position_section
 from workgauge.report.verdict import details, headline, metres
 from workgauge.report.views import plan_view, side_view
-from workgauge.values.errors import InputError
+from workgauge.report.writing import write_files
 
 PLAINLY = (
     "workgauge assists the operator and records evidence. It is <strong>not a certified safety function</strong>: "
@@ -134,6 +133,7 @@ def render(result: RunResult) -> str:
 proportion; at p_l it is refused. Moving away is never slowed.</p>
 {clearance_figure(result)}
 </section>
+{position_section(result)}
 <section>
 <h2>Joint speeds</h2>
 <p>What the guard let through; thin dashed lines are what the levers asked for.</p>
@@ -170,20 +170,6 @@ def write_report(result: RunResult, folder: Path) -> Path:
     Raises:
         InputError: if the folder cannot be made or written.
     """
-    page, data = render(result), json.dumps(result.as_json(), indent=2) + "\n"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        work = Path(tempfile.mkdtemp(prefix=".report-", dir=folder))
-        try:
-            for name, text in (("report.html", page), ("run.json", data)):
-                (work / name).write_text(text, "utf-8")
-            for name in ("run.json", "report.html"):
-                target = (folder / name).resolve()
-                if target.exists() and not target.is_file():
-                    raise InputError("is not a regular file", file=target, allowed="a file to be written")
-                (work / name).replace(target)
-        finally:
-            shutil.rmtree(work, ignore_errors=True)
-    except OSError as error:
-        raise InputError("the report cannot be written there", file=folder, value=error.strerror) from error
+    data = json.dumps(result.as_json(), indent=2) + "\n"
+    write_files(folder, {"run.json": data, "report.html": render(result)})
     return folder / "report.html"

@@ -115,8 +115,10 @@ def _draw_machine(view: View, snapshot: Snapshot, css: str, flatten: Floats, ori
 
 def _extent(result: RunResult, flatten: Floats, origin: Floats) -> tuple[Floats, float]:
     """Return the middle and the pixels per metre that show both machines, the tool's path and the closest pair."""
-    points = [corners for moment in (result.start, result.nearest) for _, corners in _boxes(moment)]
-    points.append(result.series.tool)
+    moments = (result.start, result.nearest) if result.travel is None else (result.nearest,)
+    points = [corners for moment in moments for _, corners in _boxes(moment)]
+    if result.travel is None:  # else only the place of the nearest moment
+        points.append(result.series.tool)
     points += [point[None] for point in (result.nearest.point_limit,) if point is not None]
     flat = (np.concatenate(points) - origin) @ flatten
     low, high = flat.min(axis=0) - 1.5, flat.max(axis=0) + 1.5

@@ -41,6 +41,7 @@ class Clearances:
         distances: (k,) signed [m]. normals: (k, 3). points_machine: (k, 3). points_limit: (k, 3). Site frame.
         links: (k,) index of the link. other_links: (k,) index of the other link, -1 for the environment.
         limits: (k,) index into `limit_ids`. cells: (k,).
+        solids: (k,) index of the machine's solid that lies on the link.
         protections: (k,) [m]. stop_distances: (k,) [m], NaN for the guard's own.
         link_names, limit_ids: what the indices mean.
         searched_m: every pair nearer than this is in here; nothing is said of pairs farther away.
@@ -54,6 +55,7 @@ class Clearances:
     other_links: Ints
     limits: Ints
     cells: Ints
+    solids: Ints
     protections: Floats
     stop_distances: Floats
     link_names: tuple[str, ...]

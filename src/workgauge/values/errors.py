@@ -38,15 +38,21 @@ class WorkgaugeError(Exception):
         if self.line is not None:
             place = f"{place}:{self.line}" if place else f"line {self.line}"
         if self.element:
-            place = f"{place}: {self.element}" if place else self.element
+            element = _one_line(self.element)
+            place = f"{place}: {element}" if place else element
         facts = []
         if self.value is not None:
-            shown = str(self.value)
+            shown = _one_line(str(self.value))
             facts.append(f"found {shown if len(shown) <= 120 else shown[:117] + '...'}")
         if self.allowed:
             facts.append(f"allowed: {self.allowed}")
         text = f"{place}: {self.message}" if place else self.message
         return f"{text} ({'; '.join(facts)})" if facts else text
+
+
+def _one_line(text: str) -> str:
+    """Return a text with what cannot be printed on one line escaped."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 class InputError(WorkgaugeError):

@@ -84,3 +84,11 @@ class Limit:
     activity: Activity = Activity()
     exempt_links: frozenset[str] = frozenset()
     own_track_of: str | None = None
+
+    def counts(
+        self, now_ns: int, off_states: frozenset[str] = frozenset(), let_off: frozenset[str] = frozenset()
+    ) -> bool:
+        """Return whether it counts at `now_ns`: active, and not the envelope of a track the machine is let off."""
+        if self.own_track_of is not None and self.own_track_of in let_off:
+            return False
+        return self.activity.active(now_ns, off_states)

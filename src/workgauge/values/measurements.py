@@ -29,11 +29,17 @@ class Stamp:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Posture:
-    """Measured joint positions q (n,) [rad, m] and their standard deviations sigma (n,)."""
+    """Measured joint positions q (n,) [rad, m] and their standard deviations sigma (n,).
+
+    Attributes:
+        covariance: (n, n) of the joints where their errors are correlated (one inclinometer serves the joints on both
+            sides of its link), its diagonal sigma squared; None if they are independent.
+    """
 
     stamp: Stamp
     q: Floats
     sigma: Floats
+    covariance: Floats | None = None
 
     @classmethod
     def exact(cls, stamp: Stamp, q: Floats) -> "Posture":
@@ -48,11 +54,14 @@ class MachinePose:
     Attributes:
         T_site_machine: (4, 4), machine coordinates (x forward, y left, z up) into site (east, north, up) [m].
         covariance: (6, 6) of (translation, rotation vector), both in the site frame [m, rad].
+        cross: (6, n) covariance of that with the errors of the joints of the posture it was found with (antennas on
+            the cab: the undercarriage's heading hangs on the swing angle); None if they are independent.
     """
 
     stamp: Stamp
     T_site_machine: Floats
     covariance: Floats
+    cross: Floats | None = None
 
     @classmethod
     def exact(cls, stamp: Stamp, T_site_machine: Floats) -> "MachinePose":

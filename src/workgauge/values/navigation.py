@@ -59,7 +59,10 @@ class GnssFix:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GnssGridFix:
-    """Where an antenna is, already in the receiver's own projection (PTNL,PJK): metres as the receiver has them."""
+    """Where an antenna is, already in the receiver's own projection (PTNL,PJK): metres as the receiver has them.
+
+    `height_m` is over the ellipsoid, or over the receiver's geoid if `orthometric`.
+    """
 
     stamp: Stamp
     sentence: str
@@ -69,6 +72,7 @@ class GnssGridFix:
     height_m: float = math.nan
     quality: FixQuality = FixQuality.NONE
     satellites: int | None = None
+    orthometric: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -38,6 +38,7 @@ class ReasonCode(StrEnum):
     DEAD_RECKONING = "dead_reckoning"  #: no fix, carried on for a bounded time
     CHASSIS_FROZEN = "chassis_frozen"  #: no fix, the undercarriage must not move
     POSITION_LOST = "position_lost"  #: no position to work on
+    POSITION_UNSURE = "position_unsure"  #: so uncertain that limits beyond those looked at may matter
     NOT_CHECKED = "not_checked"  #: the start-of-shift check is missing or failed
 
 
@@ -56,6 +57,7 @@ STOPPING = frozenset(
         ReasonCode.INVALID_VALUE,
         ReasonCode.GATE_CLOSED,
         ReasonCode.POSITION_LOST,
+        ReasonCode.POSITION_UNSURE,
         ReasonCode.NOT_CHECKED,
     }
 )
@@ -70,7 +72,9 @@ class Reason:
         text: one line for the operator.
         link, limit: what is near what, if that is the cause.
         joint: the joint it concerns, if one.
-        clearance_m: metres left, as the program believes.
+        clearance_m: signed clearance, as the program believes [m].
+        protection_m: how much of it is not sure, its protection level [m].
+        stop_distance_m: what must remain of the rest [m].
         scale: what is left of the wanted speed, 0 to 1.
     """
 
@@ -81,3 +85,5 @@ class Reason:
     joint: str | None = None
     clearance_m: float | None = None
     scale: float | None = None
+    protection_m: float | None = None
+    stop_distance_m: float | None = None

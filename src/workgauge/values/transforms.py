@@ -51,6 +51,37 @@ def apply(T: Floats, points: Floats) -> Floats:
     return points @ T[:3, :3].T + T[:3, 3]
 
 
+def skew(v: Floats) -> Floats:
+    """Return the matrix (3, 3) of `v x`."""
+    x, y, z = (float(part) for part in v)
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def rotation(vector: Floats) -> Floats:
+    """Return the rotation (3, 3) of a rotation vector (3,) [rad] (Rodrigues)."""
+    angle = math.sqrt(float(vector @ vector))
+    K = skew(vector)
+    if angle < 1e-8:
+        return np.eye(3) + K + 0.5 * K @ K
+    rotated: Floats = np.eye(3) + math.sin(angle) / angle * K + (1.0 - math.cos(angle)) / angle**2 * K @ K
+    return rotated
+
+
+def rotation_vector(R: Floats) -> Floats:
+    """Return the rotation vector (3,) [rad] of a rotation (3, 3), of length at most pi."""
+    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2.0
+    sine, cosine = math.sqrt(float(axis @ axis)), (float(np.trace(R)) - 1.0) / 2.0
+    angle = math.atan2(sine, cosine)
+    if sine > 1e-7:
+        vector: Floats = axis * (angle / sine)
+        return vector
+    if cosine > 0.0:
+        return axis
+    outer = (R + np.eye(3)) / 2.0  # half a turn: a aT
+    column: Floats = outer[:, int(np.argmax(np.diag(outer)))]
+    return angle * column / math.sqrt(float(column @ column))
+
+
 def yaw_from_heading(heading: float) -> float:
     """Return the mathematical angle (counter-clockwise from east) of a heading clockwise from grid north [rad]."""
     return math.pi / 2 - heading

@@ -1,4 +1,4 @@
-"""The program's own binary messages: posture, machine pose, valve command, operator intent.
+"""The program's own binary messages: posture, machine pose, valve command, operator intent, link sensors.
 
 A frame is, little-endian and without padding:
 
@@ -30,15 +30,22 @@ from typing import Any, Generic, TypeVar, cast
 from workgauge.values.commands import ValveCommand
 from workgauge.values.errors import WireError
 from workgauge.values.measurements import Intent, MachinePose, Posture, Stamp
+from workgauge.values.navigation import AngularRate, EncoderReading, Inclination
 from workgauge.wire.payloads import (
     pack_command,
+    pack_encoder,
+    pack_inclination,
     pack_intent,
     pack_pose,
     pack_posture,
+    pack_rate,
     unpack_command,
+    unpack_encoder,
+    unpack_inclination,
     unpack_intent,
     unpack_pose,
     unpack_posture,
+    unpack_rate,
 )
 
 MAGIC = b"WG"
@@ -60,9 +67,12 @@ class Kind(IntEnum):
     POSE = 2
     COMMAND = 3
     INTENT = 4
+    INCLINATION = 5
+    ENCODER = 6
+    ANGULAR_RATE = 7
 
 
-Value = Posture | MachinePose | ValveCommand | Intent
+Value = Posture | MachinePose | ValveCommand | Intent | Inclination | EncoderReading | AngularRate
 V_co = TypeVar("V_co", covariant=True, bound=Value)
 
 
@@ -88,6 +98,9 @@ _TABLE: tuple[tuple[Kind, type[Any], Callable[[Any], bytes], Callable[[Stamp, in
     (Kind.POSE, MachinePose, pack_pose, unpack_pose),
     (Kind.COMMAND, ValveCommand, pack_command, unpack_command),
     (Kind.INTENT, Intent, pack_intent, unpack_intent),
+    (Kind.INCLINATION, Inclination, pack_inclination, unpack_inclination),
+    (Kind.ENCODER, EncoderReading, pack_encoder, unpack_encoder),
+    (Kind.ANGULAR_RATE, AngularRate, pack_rate, unpack_rate),
 )
 _PACK = {value_type: (int(kind), pack) for kind, value_type, pack, _ in _TABLE}
 _UNPACK = {int(kind): unpack for kind, _, _, unpack in _TABLE}
@@ -97,7 +110,7 @@ def encode(value: Value, sequence: int | None = None) -> bytes:
     """Return the frame of a value; its stamp's `monotonic_ns` becomes the frame's `sent`.
 
     Args:
-        value: posture, machine pose, valve command or intent.
+        value: posture, machine pose, valve command, intent or link measurement.
         sequence: the sender's count; a valve command carries its own, and only that is taken.
 
     Raises:

@@ -5,6 +5,9 @@
 | posture | u8 n; n f64 joint positions [rad, m]; n f64 standard deviations |
 | machine pose | 12 f64, upper three rows of T_site_machine; 21 f64, upper triangle of the covariance, by rows |
 | valve command | u8 enable (0, 1); u8 n; n i16 valves |
+| inclination | 3 f64: roll, pitch, sigma [rad] |
+| encoder reading | 2 f64: value, sigma [rad, m] |
+| angular rate | 4 f64: rate about x, y, z, sigma [rad/s] |
 | operator intent | u8 mode (0 joint, 1 tool, 2 line), enable, line; 6 f64 levers; 3 f64 start; 3 f64 direction |
 
 Sequence and stamp stand in the header. Without a line, its six numbers are zero. Numbers may be NaN or infinite:
@@ -19,10 +22,14 @@ from workgauge.values.arrays import frozen
 from workgauge.values.commands import ValveCommand
 from workgauge.values.errors import WireError
 from workgauge.values.measurements import DriveMode, Intent, Levers, MachinePose, Posture, Stamp, ToolLine
+from workgauge.values.navigation import AngularRate, EncoderReading, Inclination
 
 _MODES = (DriveMode.JOINT, DriveMode.TOOL, DriveMode.LINE)
 _POSE = struct.Struct("<33d")
 _INTENT = struct.Struct("<BBB12d")
+_INCLINATION = struct.Struct("<3d")
+_ENCODER = struct.Struct("<2d")
+_RATE = struct.Struct("<4d")
 _UPPER = np.triu_indices(6)
 _BOTTOM = np.array([0.0, 0.0, 0.0, 1.0])
 
@@ -109,6 +116,42 @@ def unpack_intent(stamp: Stamp, sequence: int, payload: bytes) -> Intent:
     elif payload[-48:] != bytes(48):
         raise WireError("numbers of a line that is not given", element="line")
     return Intent(stamp, _MODES[mode], Levers(*numbers[:6]), _flag(enable, "enable"), line)
+
+
+def pack_inclination(value: Inclination) -> bytes:
+    """Return the payload of an inclination."""
+    return _INCLINATION.pack(value.roll, value.pitch, value.sigma)
+
+
+def unpack_inclination(stamp: Stamp, sequence: int, payload: bytes) -> Inclination:
+    """Return the inclination in a payload; `WireError` if its length is wrong."""
+    _expect(payload, _INCLINATION.size, "inclination")
+    return Inclination(stamp, *_INCLINATION.unpack(payload))
+
+
+def pack_encoder(value: EncoderReading) -> bytes:
+    """Return the payload of an encoder reading."""
+    return _ENCODER.pack(value.value, value.sigma)
+
+
+def unpack_encoder(stamp: Stamp, sequence: int, payload: bytes) -> EncoderReading:
+    """Return the encoder reading in a payload; `WireError` if its length is wrong."""
+    _expect(payload, _ENCODER.size, "encoder reading")
+    return EncoderReading(stamp, *_ENCODER.unpack(payload))
+
+
+def pack_rate(value: AngularRate) -> bytes:
+    """Return the payload of an angular rate; `WireError` if it is not a vector of three."""
+    if value.rate.shape != (3,):
+        raise WireError("an angular rate has three components", element="rate", value=value.rate.shape)
+    return _RATE.pack(*value.rate.tolist(), value.sigma)
+
+
+def unpack_rate(stamp: Stamp, sequence: int, payload: bytes) -> AngularRate:
+    """Return the angular rate in a payload; `WireError` if its length is wrong."""
+    _expect(payload, _RATE.size, "angular rate")
+    *rate, sigma = _RATE.unpack(payload)
+    return AngularRate(stamp, frozen(rate), sigma)
 
 
 def _expect(payload: bytes, length: int, element: str) -> None:

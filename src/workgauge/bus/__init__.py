@@ -1,0 +1,1 @@
+"""Adapters to the world: serial ports; the real clock."""

@@ -1,0 +1,295 @@
+"""Protection level of each clearance: how much of the believed distance may not be there.
+
+`k sigma + bias` along the clearance's own direction, sigma^2 = g^T S g: S the covariance of the machine's pose and
+joints, g what each of them does to the distance; k from a stated integrity risk.
+"""
+
+import functools
+import math
+from dataclasses import dataclass, replace
+from statistics import NormalDist
+
+import numpy as np
+
+from workgauge.machine.model import Kinematics, MachineModel
+from workgauge.machine.positioning import IntegritySpec
+from workgauge.proximity.cells import CORNER_SIGNS
+from workgauge.proximity.uncertainty import LimitUncertainty, MachineUncertainty
+from workgauge.values.arrays import Floats, freeze
+from workgauge.values.clearances import Clearances
+
+#: k sigma of a solid's whole turn beyond which errors are no longer small: no protection level is given [rad].
+LARGEST_TURN = 0.35
+_CROSS_PLACES = np.array([0, 2, 1, 2, 0, 0, 1, 0, 0])
+_CROSS_SIGNS = np.array([0.0, -1.0, 1.0, 1.0, 0.0, -1.0, -1.0, 1.0, 0.0])
+
+
+def protection_factor(risk: float) -> float:
+    """Return k of `k sigma + bias` for an integrity risk, the two-sided tail of a Gaussian: 5.33 for 1e-7.
+
+    Raises:
+        ValueError: unless the risk lies above 0 and below 1.
+    """
+    if not 0.0 < risk < 1.0:
+        raise ValueError(f"a risk lies between 0 and 1, not {risk}")
+    return -NormalDist().inv_cdf(0.5 * risk)
+
+
+@dataclass(frozen=True, slots=True)
+class Integrity:
+    """How sure a clearance's lower bound must be: so many sigma `k`, and `bias_m` for what is not noise [m]."""
+
+    k: float
+    bias_m: float = 0.0
+
+    @classmethod
+    def of(cls, spec: IntegritySpec) -> "Integrity":
+        """Return what the machine file's `integrity` asks for."""
+        return cls(protection_factor(spec.risk), spec.bias_m)
+
+
+def with_protection(
+    clearances: Clearances,
+    rows: Floats,
+    kin: Kinematics,
+    machine: MachineModel,
+    T_site_machine: Floats,
+    unsure: MachineUncertainty,
+    limits: LimitUncertainty,
+    integrity: Integrity,
+) -> tuple[Clearances, float]:
+    """Return the clearances with their protection levels, and a bound of the level that any limit could have here.
+
+    For a point x of the solid that lies on the link, an error moves it by `n . e` along the clearance's direction n:
+    pose `n . d + phi . ((x - t) x n)` (translation d, rotation phi about the machine's origin t), joints `row . dq`.
+    The level is the largest of `k sigma(x) - n . (x - closest point)` over the corners of the solid, and `k sigma` at
+    the closest point: where a face is nearly parallel to the limit, it is the face's far corner that may be nearer
+    than believed. To sigma^2 are added the squares of the limit's tolerance and, on the tool's link, of the
+    attachment's, and the limit's own pose (about `uncertainty.own_place`). Between two links only the joints between
+    them count.
+
+    What it bounds: each convex cell of a limit lies beyond the plane through its closest point, and the solid on this
+    side of the plane moved by its worst corner, whichever features are closest afterwards. So for Gaussian errors the
+    true distance to that cell is below the bound with at most the one-sided tail of k for each corner that matters
+    (one, unless a face is parallel to better than sigma). Where a limit is hollow (the inner side of a bent chain, a
+    valley) cells beside the closest one, in other directions, add their own risk.
+
+    Turning is taken to first order; the second, at most `(k sigma of the solid's turn)^2 / 2` times its largest lever
+    arm, is added in full. Beyond `LARGEST_TURN` first order is no bound any more, and levels are infinite.
+
+    The second result [m] covers limits farther away than was searched and any direction; it is crude (a few times too
+    large with good sensors) and cheap.
+
+    Args:
+        clearances: of `Scene.query`. rows: (k, n) of `machine.distance_rows`.
+        kin, machine, T_site_machine: as believed. unsure, limits, integrity: see there.
+    """
+    variances = limits.variances.take(clearances.limits)
+    if unsure.tool_sigma_m:
+        tool = (clearances.links == machine.tool_link) | (clearances.other_links == machine.tool_link)
+        variances += tool * unsure.tool_sigma_m**2
+    if unsure.exact and not len(limits.places):
+        levels = integrity.k * np.sqrt(variances)
+        largest = integrity.k * math.sqrt(limits.largest_variance + unsure.tool_sigma_m**2)
+    else:
+        body = _body(kin, machine, unsure)
+        levels = _levels(clearances, rows, body, T_site_machine, limits, integrity.k, variances)
+        largest = _largest(body, T_site_machine, limits, integrity.k)
+    levels += integrity.bias_m
+    freeze(levels)
+    return replace(clearances, protections=levels), largest + integrity.bias_m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Body:
+    """The machine at one posture, in its own frame, and how far it turns.
+
+    Attributes:
+        poses: (S, 4, 4), halves: (S, 3), the solids' boxes.
+        reach: no point is farther from the origin [m]. arms: (n), nor moved farther by a joint's unit error.
+        turns: (L,) sigma of all that turns a link, own_turn: of all joints together [rad]. slide: of all sliding
+            joints [m].
+    """
+
+    kin: Kinematics
+    machine: MachineModel
+    unsure: MachineUncertainty
+    poses: Floats
+    halves: Floats
+    reach: float
+    arms: list[float]
+    turns: Floats
+    own_turn: float
+    slide: float
+
+
+def _body(kin: Kinematics, machine: MachineModel, unsure: MachineUncertainty) -> _Body:
+    poses, halves = machine.solid_poses(kin)
+    sizes, centres = np.vecdot(halves, halves).tolist(), poses[:, :3, 3]
+    away = np.vecdot(centres, centres).tolist()
+    reach = max(math.sqrt(r) + math.sqrt(size) for r, size in zip(away, sizes, strict=True))
+    # |Jv + Jw x p| of a turning joint; twice 1 for a sliding one, which may both carry a box and stretch it
+    squares = np.square(kin.spatial_jacobian[:3]).sum(axis=0).tolist()
+    sliding = machine.prismatic.tolist()
+    arms = [2.0 if slides else math.sqrt(v) + reach for v, slides in zip(squares, sliding, strict=True)]
+    variances = unsure.covariance.diagonal().tolist()
+    pose = variances[3] + variances[4] + variances[5]
+    turning, slide, turns, root = 0.0, 0.0, [math.sqrt(pose)], math.sqrt(pose)
+    for variance, slides in zip(variances[6:], sliding, strict=True):
+        if slides:
+            slide += math.sqrt(variance)
+        else:
+            turning += math.sqrt(variance) if unsure.correlated else variance
+        turns.append(root + turning if unsure.correlated else math.sqrt(pose + turning))
+    own_turn = turning if unsure.correlated else math.sqrt(turning)
+    return _Body(kin, machine, unsure, poses, halves, reach, arms, np.array(turns), own_turn, slide)
+
+
+def _largest(body: _Body, T_site_machine: Floats, limits: LimitUncertainty, k: float) -> float:
+    """Return a bound of all levels without bias [m]: traces for eigenvalues, largest lever arms for all."""
+    sigmas = [math.sqrt(variance) for variance in body.unsure.covariance.diagonal().tolist()]
+    pose = math.hypot(*sigmas[:3]) + body.reach * math.hypot(*sigmas[3:6])
+    joints = [arm * sigma for arm, sigma in zip(body.arms, sigmas[6:], strict=True)]
+    moved = pose + sum(joints) if body.unsure.correlated else math.hypot(pose, *joints)
+    variance = limits.largest_variance + body.unsure.tool_sigma_m**2 + moved * moved
+    turn, arm = float(body.turns[-1]), max(*body.arms, body.reach)
+    if len(limits.places):
+        own = np.sqrt(limits.covariances.diagonal(axis1=1, axis2=2))
+        far = body.reach + np.sqrt(((limits.places - T_site_machine[:3, 3]) ** 2).sum(axis=1))
+        own_turns = np.sqrt(np.vecdot(own[:, 3:], own[:, 3:]))
+        shifts = np.sqrt(np.vecdot(own[:, :3], own[:, :3])) + far * own_turns
+        variance += float((shifts * shifts).max())
+        turn, arm = turn + float(own_turns.max()), arm + float(far.max())
+    return k * math.sqrt(variance) + float(_second_order(k, np.array([turn]), arm, body.slide)[0])
+
+
+def _levels(
+    clearances: Clearances,
+    rows: Floats,
+    body: _Body,
+    T_site_machine: Floats,
+    limits: LimitUncertainty,
+    k: float,
+    variances: Floats,
+) -> Floats:
+    """Return the levels (c,) without bias; `variances` (c,) are those of no place and turn."""
+    normals, n = clearances.normals, body.machine.n
+    covariance = body.unsure.covariance
+    outside = clearances.other_links < 0
+    # gradient (c, 6 + n) of the closest point; away (c, 3, 6 + n): what a point off it by u has besides, u @ away
+    crossing = _crossing(normals)
+    turned = T_site_machine[:3, :3] @ body.kin.spatial_jacobian[3:]
+    carried = _carried(n)
+    between = carried.take(clearances.links, axis=0)
+    between -= carried.take(clearances.other_links, axis=0)
+    away = np.zeros((len(normals), 3, 6 + n))
+    np.multiply((crossing.reshape(-1, 3) @ turned).reshape(-1, 3, n), between[:, None], out=away[:, :, 6:])
+    np.multiply(crossing, outside[:, None, None], out=away[:, :, 3:6])
+    gradient = np.empty((len(normals), 6 + n))
+    np.multiply(normals, outside[:, None], out=gradient[:, :3])
+    np.vecmat(clearances.points_machine - T_site_machine[:3, 3], away[:, :, 3:6], out=gradient[:, 3:6])
+    gradient[:, 6:] = rows
+    _stretch(away, clearances, body, T_site_machine)
+
+    weighed = gradient @ covariance
+    variances = variances + np.vecdot(weighed, gradient)
+    slopes = 2.0 * np.matvec(away, weighed)
+    curves = (away.reshape(-1, 6 + n) @ covariance).reshape(away.shape) @ away.transpose(0, 2, 1)
+    turns = np.where(outside, body.turns.take(clearances.links), body.own_turn)
+    arm: float | Floats = max(*body.arms, body.reach)
+    if len(limits.places):
+        levers = _add_limits(clearances, limits, crossing, variances, slopes, curves, turns)
+        arm = arm + levers
+    offsets = _corners(body, T_site_machine).take(clearances.solids, axis=0)
+    offsets -= clearances.points_machine[:, None]
+    levels = _worst_corner(k, offsets, normals, variances, slopes, curves)
+    levels += _second_order(k, turns, arm, body.slide)
+    return levels
+
+
+def _worst_corner(
+    k: float, offsets: Floats, normals: Floats, variances: Floats, slopes: Floats, curves: Floats
+) -> Floats:
+    """Return the largest `k sigma(u) - n . u` (c,) over u = 0 and offsets (c, 8, 3) of corners.
+
+    `sigma(u)^2 = variance + slope . u + u . curve u`, with variances (c,), slopes (c, 3), curves (c, 3, 3).
+    """
+    bent = offsets @ curves
+    bent += slopes[:, None]
+    sigmas = np.vecdot(bent, offsets)
+    sigmas += variances[:, None]
+    np.sqrt(np.maximum(sigmas, 0.0, out=sigmas), out=sigmas)
+    sigmas *= k
+    beyond = np.matvec(offsets, normals)
+    sigmas -= np.maximum(beyond, 0.0, out=beyond)
+    found: Floats = np.maximum(k * np.sqrt(np.maximum(variances, 0.0)), np.maximum.reduce(sigmas, axis=1))
+    return found
+
+
+def _second_order(k: float, turns: Floats, arm: float | Floats, slide: float) -> Floats:
+    """Return what turning by k sigma adds beyond first order (c,) [m], infinite where that is no small angle."""
+    angles = k * turns
+    found: Floats = 0.5 * angles * (angles * arm + 2.0 * k * slide)
+    found[~(angles <= LARGEST_TURN)] = np.inf
+    return found
+
+
+def _add_limits(
+    clearances: Clearances,
+    limits: LimitUncertainty,
+    crossing: Floats,
+    variances: Floats,
+    slopes: Floats,
+    curves: Floats,
+    turns: Floats,
+) -> Floats:
+    """Add limits of uncertain pose to variances, slopes, curves and turns in place; return their lever arms (c,)."""
+    which = limits.poses.take(clearances.limits)
+    rows = np.flatnonzero(which >= 0)
+    which, crossing = which[rows], crossing[rows]
+    covariances, apart = limits.covariances[which], clearances.points_limit[rows] - limits.places[which]
+    gradient = np.concatenate([clearances.normals[rows], np.vecmat(apart, crossing)], axis=1)
+    weighed = np.matvec(covariances, gradient)
+    variances[rows] += np.vecdot(weighed, gradient)
+    slopes[rows] += 2.0 * np.matvec(crossing, weighed[:, 3:])
+    curves[rows] += crossing @ covariances[:, 3:, 3:] @ crossing.transpose(0, 2, 1)
+    turns[rows] += np.sqrt(covariances[:, 3:, 3:].trace(axis1=1, axis2=2))
+    levers = np.zeros(len(turns))
+    levers[rows] = np.sqrt(np.vecdot(apart, apart))
+    return levers
+
+
+def _corners(body: _Body, T_site_machine: Floats) -> Floats:
+    """Return the corners (S, 8, 3) of the solids in the site frame."""
+    poses = T_site_machine @ body.poses
+    corners: Floats = (CORNER_SIGNS * body.halves[:, None]) @ poses[:, :3, :3].transpose(0, 2, 1)
+    corners += poses[:, None, :3, 3]
+    return corners
+
+
+def _stretch(away: Floats, clearances: Clearances, body: _Body, T_site_machine: Floats) -> None:
+    """Add to `away` that points of a box that stretches take part in its joint's motion by their place along it."""
+    for i, solid in enumerate(body.machine.solids):
+        if solid.stretch is None:
+            continue
+        joint, axis, side = solid.stretch
+        outwards = side * (T_site_machine[:3, :3] @ body.poses[i, :3, axis])
+        on = np.flatnonzero(clearances.solids == i)
+        share = outwards / (2.0 * body.halves[i, axis])
+        away[on, :, 6 + joint] += (clearances.normals[on] @ outwards)[:, None] * share
+
+
+def _crossing(normals: Floats) -> Floats:
+    """Return the matrices (c, 3, 3) of `n x`: `u . (n x w) = u @ crossing @ w`."""
+    found: Floats = normals.take(_CROSS_PLACES, axis=1)
+    found *= _CROSS_SIGNS
+    return found.reshape(-1, 3, 3)
+
+
+@functools.cache
+def _carried(n: int) -> Floats:
+    """Return (n + 2, n), one where a joint carries a link; the last row, of index -1, is the environment's."""
+    found = np.tri(n + 2, n, -1)
+    found[-1] = 0.0
+    freeze(found)
+    return found

@@ -1,0 +1,1 @@
+"""Simulated sensors: receivers that write real NMEA and UBX bytes, link sensors that write frames of our own."""
