@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from workgauge.drive.api import Drive
 from workgauge.drive.hydraulic import HydraulicDrive, led
 from workgauge.drive.ideal import IdealDrive
 from workgauge.machine.cylinder import Cylinder
@@ -159,3 +160,12 @@ def test_a_machines_drive_has_its_speeds_pump_and_band() -> None:
     assert machine.pump is not None
     share = machine.pump.flow / float(machine.pump.flow_positive.sum())
     assert everything == pytest.approx((machine.speed_positive * share).tolist())
+
+
+@every
+def test_beyond_the_jump_every_joint_moves_and_within_it_the_stiffer_side_does_not(name: str) -> None:
+    drive: Drive = DRIVES[name]
+    up, down = drive.velocity([jump + 1 for jump in drive.jump]), drive.velocity([-jump - 1 for jump in drive.jump])
+    assert all(v > 0.0 for v in up) and all(v < 0.0 for v in down)
+    up, down = drive.velocity(drive.jump), drive.velocity([-jump for jump in drive.jump])
+    assert all(a == 0.0 or b == 0.0 for a, b in zip(up, down, strict=True))

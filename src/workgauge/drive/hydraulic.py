@@ -53,6 +53,11 @@ class HydraulicDrive:
         flows = tuple(zip(pump.flow_positive.tolist(), pump.flow_negative.tolist(), strict=True))
         return cls(speeds, bands, flows, pump.flow, machine.cylinders)
 
+    @property
+    def jump(self) -> tuple[int, ...]:
+        """Return the opening (n) at which each joint begins to move, in the direction where that is larger."""
+        return tuple(math.ceil(max(pair) * VALVE_FULL) for pair in self.dead_band)
+
     def valves(
         self,
         velocity: Sequence[float],

@@ -24,10 +24,21 @@ class IdealDrive:
         """Return the drive of a machine."""
         return cls(tuple(machine.speed_positive.tolist()), tuple(machine.speed_negative.tolist()))
 
-    def valves(self, velocity: Sequence[float]) -> tuple[int, ...]:
+    @property
+    def jump(self) -> tuple[int, ...]:
+        """Return zeros (n): every opening moves."""
+        return (0,) * len(self.speed_positive)
+
+    def valves(
+        self,
+        velocity: Sequence[float],
+        q: Sequence[float] | None = None,
+        previous: Sequence[int] | None = None,
+    ) -> tuple[int, ...]:
         """Return the largest valve openings (n) that are no faster than `velocity` (n) [rad/s, m/s].
 
-        Rounded towards zero and at most full. If any speed is not a number, all are neutral.
+        Rounded towards zero and at most full. If any speed is not a number, all are neutral. Neither the posture `q`
+        nor the valves before matter.
         """
         if not all(map(math.isfinite, velocity)):
             return (0,) * len(self.speed_positive)
@@ -36,8 +47,8 @@ class IdealDrive:
             for v, positive, negative in zip(velocity, self.speed_positive, self.speed_negative, strict=True)
         )
 
-    def velocity(self, valves: Sequence[int]) -> tuple[float, ...]:
-        """Return the joint velocities (n) [rad/s, m/s] that valve openings (n) give."""
+    def velocity(self, valves: Sequence[int], q: Sequence[float] | None = None) -> tuple[float, ...]:
+        """Return the joint velocities (n) [rad/s, m/s] that valve openings (n) give, in any posture."""
         return tuple(
             _speed(valve, positive) if valve > 0 else -_speed(-valve, negative)
             for valve, positive, negative in zip(valves, self.speed_positive, self.speed_negative, strict=True)

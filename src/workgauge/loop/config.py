@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from workgauge.drive.api import Drive
 from workgauge.drive.ideal import IdealDrive
 from workgauge.gate.gate import GateConfig
 from workgauge.guard.api import Guard
@@ -36,7 +37,7 @@ class TickConfig:
         dt_s: the tick's period [s].
         posture_age_s, pose_age_s, intent_age_s: oldest inputs to move on [s].
         motion: levers and inverse kinematics.
-        drive: velocity to valves. max_step: (n) largest valve opening per tick.
+        drive: velocity to valves. max_step: (n) largest valve opening per tick, dead band included.
         gate: the gate's own limits.
     """
 
@@ -51,7 +52,7 @@ class TickConfig:
     pose_age_s: float
     intent_age_s: float
     motion: MotionConfig
-    drive: IdealDrive
+    drive: Drive
     max_step: tuple[int, ...]
     gate: GateConfig
 
@@ -70,6 +71,7 @@ def tick_config(
     motion: MotionConfig | None = None,
     integrity: Integrity | None = None,
     tool_sigma_m: float | None = None,
+    drive: Drive | None = None,
 ) -> TickConfig:
     """Return a configuration whose parts agree with each other.
 
@@ -83,6 +85,7 @@ def tick_config(
         motion: the levers' and paths' settings; its period is overridden, and its ramp unless one is given.
         integrity: left out, the machine file's, whose default is a risk of 1e-7 without bias.
         tool_sigma_m: left out, the mounted attachment's tolerance; 0 for one known exactly [m].
+        drive: left out, the ideal one.
 
     Raises:
         InputError: for a value that makes no sense, naming it.
@@ -106,7 +109,9 @@ def tick_config(
         raise InputError(error.message, element="machine_id", value=machine_id, allowed=error.allowed) from None
     given = motion or MotionConfig(feel=LeverFeel(ramp_s=ramp_s))
     settings = {name: getattr(given, name) for name in MotionConfig.__slots__} | {"dt_s": dt_s}
+    drive = drive or IdealDrive.of(machine)
     step = max(int(VALVE_FULL * dt_s / ramp_s), 1) if ramp_s > dt_s else VALVE_FULL
+    steps = tuple(min(step + jump, VALVE_FULL) for jump in drive.jump)
     return TickConfig(
         machine=machine,
         machine_id=machine_id,
@@ -119,14 +124,14 @@ def tick_config(
         pose_age_s=pose_age_s,
         intent_age_s=intent_age_s,
         motion=MotionConfig(**settings),
-        drive=IdealDrive.of(machine),
-        max_step=(step,) * machine.n,
-        gate=_gate_config(machine, machine_id, step, dt_s, ages),
+        drive=drive,
+        max_step=steps,
+        gate=_gate_config(machine, machine_id, steps, dt_s, ages),
     )
 
 
 def _gate_config(
-    machine: MachineModel, machine_id: str, step: int, dt_s: float, ages_s: Mapping[str, float]
+    machine: MachineModel, machine_id: str, steps: tuple[int, ...], dt_s: float, ages_s: Mapping[str, float]
 ) -> GateConfig:
     """Return a gate as strict as the tick, and as patient as it must be to let the tick speak first."""
     oldest_ns = {name: round(GATE_PATIENCE * age * 1e9) for name, age in ages_s.items()}
@@ -135,7 +140,7 @@ def _gate_config(
         source="gate",
         joints=machine.n,
         valve_limit=VALVE_FULL,
-        max_step=(step,) * machine.n,
+        max_step=steps,
         posture_age_ns=oldest_ns["posture_age_s"],
         pose_age_ns=oldest_ns["pose_age_s"],
         intent_age_ns=oldest_ns["intent_age_s"],

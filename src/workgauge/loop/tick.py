@@ -84,7 +84,8 @@ def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[Ti
             allowed, scale = result.allowed, result.scale
             reasons += (*hindered, *result.reasons)
 
-    valves = ramped(memory.valves, config.drive.valves(allowed.tolist()), config.max_step)
+    at = seen.posture.q.tolist() if seen.posture is not None else None
+    valves = ramped(memory.valves, config.drive.valves(allowed.tolist(), at, memory.valves), config.max_step)
     frame, gate, refusals = _vetted(valves, inputs, memory, config)
     said = {reason.code for reason in seen.reasons}
     reasons += [reason for reason in refusals if reason.code not in said]
