@@ -9,6 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from workgauge.machine.load import load_machine
+from workgauge.sim.hydraulics import HydraulicSpec
+from workgauge.sim.joints import HydraulicJoints
 from workgauge.sim.kinematic import KinematicPlant
 from workgauge.values import transforms as tf
 from workgauge.values.commands import VALVE_FULL, ValveCommand
@@ -159,3 +161,35 @@ def test_a_start_that_is_none_is_refused(bad: dict) -> None:
 def test_time_only_passes_forwards(dt_s: float) -> None:
     with pytest.raises(ValueError, match="forwards"):
         plant().advance(dt_s)
+
+
+def test_hydraulic_joints_move_as_they_do_alone_and_at_another_beat() -> None:
+    spec = HydraulicSpec.of_machine(machine(), 0.08)
+    subject, alone, q = (
+        plant(joints=HydraulicJoints(machine(), spec)),
+        HydraulicJoints(machine(), spec),
+        machine().home,
+    )
+    valves = [VALVE_FULL // 2, 0, -VALVE_FULL // 3, 0, 0, 0]
+    subject.write(frame(valves))
+    alone.set_valves(valves)
+    for _ in range(20):
+        subject.advance(0.05)
+        q = alone.advance(0.05, q)
+    assert subject.truth[0] == pytest.approx(q, abs=1e-9) and abs(q[0] - machine().home[0]) > 0.1
+    subject.write(frame(valves, enable=False))
+    alone.set_valves([0] * 6)
+    subject.advance(0.1)
+    coasting = subject.truth[0].copy()
+    subject.advance(2.0)
+    q = alone.advance(2.1, q)
+    assert subject.truth[0] == pytest.approx(q, abs=1e-9) and (subject.truth[0] - coasting)[0] > 0.05
+
+
+def test_hydraulic_joints_wait_for_their_dead_time() -> None:
+    subject = plant(joints=HydraulicJoints(machine(), HydraulicSpec.of_machine(machine())))
+    subject.write(frame([VALVE_FULL, 0, 0, 0, 0, 0]))
+    subject.advance(0.19)
+    assert (subject.truth[0] == machine().home).all()
+    subject.advance(0.05)
+    assert subject.truth[0][0] > machine().home[0]

@@ -1,4 +1,4 @@
-"""The kinematic plant: ideal joints that follow their valves at once, up to their stops, and an undercarriage."""
+"""The kinematic plant: joints that follow their valves, ideal or hydraulic, up to their stops; an undercarriage."""
 
 import math
 from collections.abc import Callable
@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from workgauge.drive.ideal import IdealDrive
 from workgauge.machine.model import MachineModel
+from workgauge.sim.joints import IdealJoints, Joints
 from workgauge.sim.travel import Place, TravelDrive, twist_per_metre
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.commands import VALVE_FULL
@@ -33,7 +33,7 @@ class Fixed:
 
 
 class KinematicPlant:
-    """A machine without mass, oil or noise, on a clock of its own; implements `values.ports.Plant`.
+    """A machine without mass or noise, on a clock of its own; implements `values.ports.Plant`.
 
     Valve frames that are broken, for another machine, of the wrong length or out of range are ignored and counted;
     the last good one goes on acting. A frame whose enable flag is off closes every valve. The undercarriage travels
@@ -48,6 +48,7 @@ class KinematicPlant:
         start_ns: the plant's clock at the start [ns].
         substep_s: longest time between two looks at the truth [s].
         on_substep: called after every substep.
+        joints: what moves them, fresh; ideal ones if left out.
 
     Raises:
         MachineError: if the posture is not one of this machine.
@@ -65,6 +66,7 @@ class KinematicPlant:
         start_ns: int = 0,
         substep_s: float = 0.005,
         on_substep: OnSubstep | None = None,
+        joints: Joints | None = None,
     ) -> None:
         posture = np.array(q, dtype=np.float64)
         if posture.shape != (machine.n,):
@@ -86,13 +88,12 @@ class KinematicPlant:
         self.now_ns = start_ns
         self._machine = machine
         self._machine_id = machine_id
-        self._drive = IdealDrive.of(machine)
+        self._joints = joints or IdealJoints(machine)
         self._q = frozen(posture)
         self._place: Place = Fixed(frozen(T_site_machine, (4, 4))) if place is None else place  # type: ignore[arg-type]
         self._T_site_machine = frozen(self._place.T_site_machine, (4, 4))
         self._travel = TravelDrive(acceleration_m_s2=acceleration_m_s2)
         self._travelled_m = 0.0
-        self._velocity = np.zeros(machine.n)
         self._substep_s = substep_s
         self._on_substep = on_substep
         self._sequence = 0
@@ -149,7 +150,7 @@ class KinematicPlant:
         if not fits or command.stamp.machine_id != self._machine_id:
             self.bad_frames += 1
             return
-        self._velocity = np.array(self._drive.velocity(valves if command.enable else (0,) * len(valves)))
+        self._joints.set_valves(valves if command.enable else (0,) * len(valves))
 
     def advance(self, dt_s: float) -> None:
         """Let `dt_s` seconds pass in equal substeps, then measure.
@@ -164,8 +165,7 @@ class KinematicPlant:
         for step in range(1, steps + 1):
             now = start + total * step // steps
             passed_s = (now - self.now_ns) * 1e-9
-            moved = self._q + self._velocity * passed_s
-            self._q = frozen(np.clip(moved, self._machine.q_min, self._machine.q_max))
+            self._q = frozen(self._joints.advance(passed_s, self._q))
             self._roll(passed_s)
             self.now_ns = now
             if self._on_substep is not None:
