@@ -1,21 +1,21 @@
 """What every guard is given and gives back."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
+from workgauge.machine.model import MachineModel
+from workgauge.proximity.surroundings import Surroundings
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.clearances import Clearances
+from workgauge.values.ranges import LeverRanges
 from workgauge.values.reasons import Reason, ReasonCode
 
-JsonValue: TypeAlias = 'bool | int | float | str | Sequence["JsonValue"] | Mapping[str, "JsonValue"] | None'
-#: What a guard remembers from tick to tick: plain data that goes through JSON unchanged, never written to.
-Memory: TypeAlias = Mapping[str, JsonValue]
-
-#: From a posture (n,) and a radius [m] to the clearances there, protection levels included, and their rows (k, n).
-Look: TypeAlias = Callable[[Floats, float], tuple[Clearances, Floats]]
+#: What a guard remembers from tick to tick: numbers and arrays, never written to. Arrays go through JSON as lists, and
+#: a guard takes lists for arrays.
+Memory: TypeAlias = Mapping[str, Any]
 
 #: Numbers beyond this are no measurement: what is computed from smaller ones cannot overflow.
 FAR = 1e6
@@ -35,8 +35,11 @@ class GuardInput:
         joint_names: (n).
         exclusive_groups: joint indices; joints of different groups cannot move together.
         keep_direction: a joint that must go slower slows all of them, so that the tool stays on its path.
-        sent: (n,) joint velocities that the valves sent last ask for, or None for none yet.
-        look: what is near at other postures, or None if nobody can say.
+        sent: (n,) joint velocities that the valves sent last ask for; None for none.
+        elapsed_s: time since the last tick; dt_s unless ticks were missed [s].
+        around: what stands around the machine, for guards that look at other postures; None if nobody can say.
+        tool_rates: (3, n) joint velocities that move the tool at 1 m/s along the machine's x, y and z; None if not
+            asked for.
     """
 
     desired: Floats
@@ -52,7 +55,9 @@ class GuardInput:
     exclusive_groups: tuple[tuple[int, ...], ...]
     keep_direction: bool = False
     sent: Floats | None = None
-    look: Look | None = None
+    elapsed_s: float | None = None
+    around: Surroundings | None = None
+    tool_rates: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,11 +68,13 @@ class GuardResult:
         allowed: (n,) joint velocities [rad/s, m/s].
         reasons: why `allowed` differs from `desired`; empty if it does not.
         scale: what the clearances leave of the velocity, 0 to 1.
+        ranges: what each lever may still do; None from a guard that cannot say.
     """
 
     allowed: Floats
     reasons: tuple[Reason, ...]
     scale: float
+    ranges: LeverRanges | None = None
 
 
 class Guard(Protocol):
@@ -89,6 +96,16 @@ class Guard(Protocol):
 
     def allow(self, given: GuardInput, memory: Memory) -> tuple[GuardResult, Memory]:
         """Return what may be done, and the memory for the next tick. Pure; raises nothing for bad numbers."""
+        ...
+
+    def idle(
+        self, sent: Floats | None, machine: MachineModel, dt_s: float, elapsed_s: float, memory: Memory
+    ) -> Memory:
+        """Return the memory after a tick in which nobody asked it anything; what is in flight goes on flying.
+
+        Args:
+            sent, elapsed_s: as in `GuardInput`. machine, dt_s: whose joints, and the tick's period.
+        """
         ...
 
 

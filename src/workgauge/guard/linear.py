@@ -7,6 +7,7 @@ import numpy as np
 from workgauge.guard.api import GuardInput, GuardResult, Memory, full_stop, unusable
 from workgauge.guard.cushion import cushioned
 from workgauge.guard.joints import one_group, within_speed
+from workgauge.machine.model import MachineModel
 from workgauge.values.arrays import Floats, freeze
 from workgauge.values.clearances import Clearances
 from workgauge.values.errors import InputError
@@ -90,6 +91,12 @@ class LinearGuard:
             reasons += near
         freeze(qdot)
         return GuardResult(qdot, tuple(reasons), scale), {"group": group}
+
+    def idle(
+        self, sent: Floats | None, machine: MachineModel, dt_s: float, elapsed_s: float, memory: Memory
+    ) -> Memory:
+        """Return the memory of a guard that has done nothing yet: it looks at nothing but the present."""
+        return self.start()
 
     def _joints(self, given: GuardInput, memory: Memory) -> tuple[list[float], int, list[Reason]]:
         """Return what the joints themselves leave of the desired velocity, the moving group, and why."""

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
 from workgauge.gate.gate import GateState
 from workgauge.guard.api import Memory
 from workgauge.loop.config import TickConfig
@@ -21,6 +23,7 @@ class TickMemory:
         motion: levers after the ramp, the line being followed.
         guard: what the guard wants to remember.
         gate: open or closed, and what it last sent.
+        at_ns: the clock of the tick, None before the first [ns].
     """
 
     sequence: int
@@ -28,6 +31,7 @@ class TickMemory:
     motion: MotionMemory
     guard: Memory
     gate: GateState
+    at_ns: int | None = None
 
     def plain(self) -> dict[str, Any]:
         """Return the memory as dicts, lists, numbers and strings."""
@@ -35,8 +39,9 @@ class TickMemory:
             "sequence": self.sequence,
             "valves": list(self.valves),
             "motion": {name: _listed(value) for name, value in asdict(self.motion).items()},
-            "guard": dict(self.guard),
+            "guard": {name: _listed(value) for name, value in self.guard.items()},
             "gate": {name: _listed(value) for name, value in asdict(self.gate).items()},
+            "at_ns": self.at_ns,
         }
 
 
@@ -58,12 +63,15 @@ def restored(plain: Mapping[str, Any]) -> TickMemory:
             motion=MotionMemory(**{name: _tupled(value) for name, value in plain["motion"].items()}),
             guard=dict(plain["guard"]),
             gate=GateState(**{name: _tupled(value) for name, value in plain["gate"].items()}),
+            at_ns=None if plain["at_ns"] is None else int(plain["at_ns"]),
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError("not a tick's memory", element="memory", value=str(error)) from None
 
 
 def _listed(value: object) -> object:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
     return list(value) if isinstance(value, tuple) else value
 
 

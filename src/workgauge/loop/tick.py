@@ -1,24 +1,26 @@
 """The tick: inputs, memory and configuration in; command bytes, memory and trace out; nothing else."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from workgauge.drive.ramp import ramped
 from workgauge.gate.gate import GateFacts, GateState, vet
-from workgauge.guard.api import GuardInput
+from workgauge.guard.api import GuardInput, Memory
 from workgauge.loop.config import SOURCE, TickConfig
 from workgauge.loop.inputs import TickInputs, believed
 from workgauge.loop.memory import TickMemory
 from workgauge.machine.model import Kinematics
-from workgauge.motion.desired import MotionMemory, desired
+from workgauge.motion.desired import MotionMemory, desired, tool_rates
 from workgauge.proximity.protection import with_protection
+from workgauge.proximity.surroundings import Surroundings
 from workgauge.proximity.uncertainty import MachineUncertainty
 from workgauge.values.arrays import Floats, freeze
 from workgauge.values.clearances import Clearances
 from workgauge.values.commands import ValveCommand
 from workgauge.values.measurements import DriveMode, MachinePose, Posture, Stamp
+from workgauge.values.ranges import LeverRanges
 from workgauge.values.reasons import Reason, ReasonCode
 from workgauge.wire.messages import SEQUENCE_MODULUS, encode
 
@@ -42,6 +44,7 @@ class Trace:
         clearances: with their protection levels; None without posture and machine pose.
         reasons: every intervention of this tick.
         scale: what the clearances left of the velocity.
+        ranges: what each lever may still do; None if the guard was not asked or cannot say.
     """
 
     now_ns: int
@@ -52,54 +55,74 @@ class Trace:
     clearances: Clearances | None
     reasons: tuple[Reason, ...]
     scale: float
+    ranges: LeverRanges | None = None
 
 
 def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[TickOutputs, TickMemory, Trace]:
     """Return the command for this period, the memory for the next, and what was seen and done.
 
-    Freshness, kinematics, proximity, protection levels, motion, guard, drive, gate, in this order. Pure: the same
-    arguments give the same bytes. An input that is missing, old, from the future, of another machine or not made of
-    numbers stops every joint with the reason, and so does a position not to be used, or so uncertain that a limit out
-    of sight may matter; no measurement makes it raise.
+    Freshness, kinematics, proximity, protection levels, motion, ramp, guard, drive, gate, in this order. Pure: the
+    same arguments give the same bytes. An input that is missing, old, from the future, of another machine or not made
+    of numbers stops every joint with the reason, and so does a position not to be used, or so uncertain that a limit
+    out of sight may matter; no measurement makes it raise.
     """
     now, machine = inputs.now_ns, config.machine
     seen = believed(inputs, config)
     reasons = list(seen.reasons)
     wanted = allowed = _still(machine.n)
-    scale, motion_memory, guard_memory = 0.0, MotionMemory(), config.guard.start()
+    scale, motion_memory, clearances, ranges = 0.0, MotionMemory(), None, None
+    at = seen.posture.q.tolist() if seen.posture is not None else None
+    sent = np.array(config.drive.velocity(memory.valves, at))
+    elapsed_s = config.dt_s if memory.at_ns is None else max((now - memory.at_ns) * 1e-9, 0.0)
+    guard_memory: Memory | None = None
 
-    clearances = None
     if seen.posture is not None and seen.pose is not None:
-        T_site_machine = seen.pose.T_site_machine
         kin = machine.forward(seen.posture.q)
-        clearances, rows, unsure = _clearances(inputs, kin, seen.posture, seen.pose, config)
+        clearances, rows, around, unsure = _clearances(inputs, kin, seen.posture, seen.pose, config)
         if unsure is not None:
             reasons.append(unsure)
         elif seen.intent is not None and seen.intent.enable:
             wanted, hindered, motion_memory = desired(
-                seen.intent, kin, machine, T_site_machine, memory.motion, config.motion
+                seen.intent, kin, machine, seen.pose.T_site_machine, memory.motion, config.motion
             )
-            given = _guard_input(wanted, kin, clearances, rows, seen.intent.mode, config)
+            given = _guard_input(_ramped(wanted, memory, kin, config), kin, clearances, rows, config)
+            given = replace(
+                given,
+                keep_direction=seen.intent.mode is not DriveMode.JOINT,
+                sent=sent,
+                elapsed_s=elapsed_s,
+                around=around,
+                tool_rates=tool_rates(machine, kin, config.motion),
+            )
             result, guard_memory = config.guard.allow(given, memory.guard)
-            allowed, scale = result.allowed, result.scale
+            allowed, scale, ranges = result.allowed, result.scale, result.ranges
             reasons += (*hindered, *result.reasons)
+    if guard_memory is None:
+        guard_memory = config.guard.idle(sent, machine, config.dt_s, elapsed_s, memory.guard)
 
-    at = seen.posture.q.tolist() if seen.posture is not None else None
     valves = ramped(memory.valves, config.drive.valves(allowed.tolist(), at, memory.valves), config.max_step)
     frame, gate, refusals = _vetted(valves, inputs, memory, config)
     said = {reason.code for reason in seen.reasons}
     reasons += [reason for reason in refusals if reason.code not in said]
     sequence = (memory.sequence + 1) % SEQUENCE_MODULUS
-    after = TickMemory(sequence, gate.valves, motion_memory, guard_memory, gate)
+    after = TickMemory(sequence, gate.valves, motion_memory, guard_memory, gate, now)
     q = seen.posture.q if seen.posture is not None else None
-    trace = Trace(now, q, wanted, allowed, gate.valves, clearances, tuple(reasons), scale)
+    trace = Trace(now, q, wanted, allowed, gate.valves, clearances, tuple(reasons), scale, ranges)
     return TickOutputs(frame), after, trace
+
+
+def _ramped(wanted: Floats, memory: TickMemory, kin: Kinematics, config: TickConfig) -> Floats:
+    """Return the wanted velocity (n,) as far as the valves may open by now: what the guard judges can be sent."""
+    at = kin.q.tolist()
+    openings = config.drive.valves(wanted.tolist(), at, memory.valves)
+    ramp = ramped(memory.valves, openings, config.max_step)
+    return wanted if ramp == openings else np.array(config.drive.velocity(ramp, at))
 
 
 def _clearances(
     inputs: TickInputs, kin: Kinematics, posture: Posture, pose: MachinePose, config: TickConfig
-) -> tuple[Clearances, Floats, Reason | None]:
-    """Return the clearances with their protection levels, their rows, and why they do not suffice to move on."""
+) -> tuple[Clearances, Floats, Surroundings, Reason | None]:
+    """Return the clearances with protection levels, their rows, what stands around, and why that is too little."""
     machine, scene, T_site_machine = config.machine, inputs.scene, pose.T_site_machine
     found = scene.query(kin, T_site_machine, config.radius_m, inputs.now_ns, inputs.off_states, inputs.let_off)
     rows = machine.distance_rows(kin, T_site_machine, found)
@@ -113,16 +136,20 @@ def _clearances(
     clearances, largest = with_protection(
         found, rows, kin, machine, T_site_machine, uncertainty, scene.uncertainty, config.integrity
     )
+    around = Surroundings(
+        *(scene, T_site_machine, uncertainty, config.integrity, largest),
+        *(inputs.now_ns, inputs.off_states, inputs.let_off),
+    )
     covered = config.radius_m - config.guard.reach_m - scene.largest_stop_m
     if largest <= covered:
-        return clearances, rows, None
+        return clearances, rows, around, None
     how = f"up to {largest:.2f} m" if math.isfinite(largest) else "by more than can be said"
     text = f"clearances may be wrong {how}, limits are known for {max(covered, 0.0):.2f} m"
-    return clearances, rows, Reason(ReasonCode.POSITION_UNSURE, text, protection_m=largest, scale=0.0)
+    return clearances, rows, around, Reason(ReasonCode.POSITION_UNSURE, text, protection_m=largest, scale=0.0)
 
 
 def _guard_input(
-    wanted: Floats, kin: Kinematics, clearances: Clearances, rows: Floats, mode: DriveMode, config: TickConfig
+    wanted: Floats, kin: Kinematics, clearances: Clearances, rows: Floats, config: TickConfig
 ) -> GuardInput:
     machine = config.machine
     return GuardInput(
@@ -137,7 +164,6 @@ def _guard_input(
         dt_s=config.dt_s,
         joint_names=machine.joint_names,
         exclusive_groups=machine.exclusive_groups,
-        keep_direction=mode is not DriveMode.JOINT,
     )
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from workgauge.machine.model import Kinematics, MachineModel
-from workgauge.motion.inverse import Damping, Solution, tool_motion
+from workgauge.motion.inverse import Damping, Solution, damped_inverse, tool_motion
 from workgauge.motion.joystick import LeverFeel, joint_velocity, ramped_levers, shaped, tool_twist
 from workgauge.motion.line import line_twist, unit_direction
 from workgauge.values.arrays import Floats, freeze
@@ -105,6 +105,14 @@ def desired(
     freeze(solution.qdot)
     reasons = _hindered(solution, config.singular_share)
     return solution.qdot, reasons, MotionMemory(levers, line, kept, group)
+
+
+def tool_rates(machine: MachineModel, kin: Kinematics, config: MotionConfig) -> Floats:
+    """Return the joint velocities (3, n) that move the tool at 1 m/s along the machine's x, y and z [1/s].
+
+    As in the tool mode where the orientation is left to itself: damped, the position alone.
+    """
+    return damped_inverse(machine.tool_jacobian(kin)[:3], config.damping).T
 
 
 def _best_group(
