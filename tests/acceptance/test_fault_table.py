@@ -16,7 +16,8 @@ from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
 from workgauge.rehearse.scenario import OnGround, OnTrack
 from workgauge.rehearse.sensing import FaultChoice, SensorChoice
-from workgauge.rehearse.session import Session, StepResult
+from workgauge.rehearse.session import Session
+from workgauge.rehearse.step_result import StepResult
 from workgauge.sim.sensors.faults import FaultKind
 from workgauge.site.model import SiteModel
 from workgauge.site.read import read_site

@@ -83,6 +83,7 @@ def _scenario(receivers: Receivers, on: LoadedScenario, model: MachineModel) -> 
         guard=scenario.guard.name,
         guard_parameters=scenario.guard.parameters,
         tick_s=scenario.tick_ms * 1e-3,
+        joints=scenario.joints,
     )
     words = scenario.title, scenario.description
     return session, scenario.drive, words, {"scenario": on.file.stem}, scenario.states

@@ -10,8 +10,9 @@ from workgauge.machine.model import MachineModel
 from workgauge.rehearse.located_log import machine_id_of, positioning_of
 from workgauge.rehearse.navigation import Known, Navigator
 from workgauge.rehearse.receivers import Receivers, near_of
-from workgauge.rehearse.session import Session, StepResult
+from workgauge.rehearse.session import Session
 from workgauge.rehearse.standing import receiver_ports
+from workgauge.rehearse.step_result import StepResult
 from workgauge.sim.sensors.kit import SensorKit
 from workgauge.sim.sensors.settings import HeadingSettings, LinkSettings, ReceiverSettings, SensorSettings
 from workgauge.site.alignment import Alignment

@@ -18,10 +18,11 @@ from dataclasses import replace
 from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, Tag, model_validator
 
 from workgauge.machine.model import MachineModel
 from workgauge.machine.stopping import StoppingModel
+from workgauge.rehearse.either import in_words
 from workgauge.sim.hydraulics import Change, HydraulicSpec
 from workgauge.values.arrays import Floats
 from workgauge.values.errors import ScenarioError
@@ -113,7 +114,10 @@ class HydraulicChoice(Response):
 
 
 #: What a scenario's `joints` may be.
-Joints: TypeAlias = Literal["ideal", "hydraulic"] | HydraulicChoice
+Joints: TypeAlias = Annotated[
+    Annotated[Literal["ideal", "hydraulic"], Tag("<word>")] | Annotated[HydraulicChoice, Tag("<mapping>")],
+    in_words(("ideal", "hydraulic"), "a mapping such as `{dead_time_s: 0.3, dead_band_percent: 8}`"),
+]
 
 
 def hydraulic_spec(choice: Joints, machine: MachineModel) -> HydraulicSpec | None:

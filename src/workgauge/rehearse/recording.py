@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from workgauge.rehearse.result import PositionSeries, Series, TickTimes, TravelSeries
-from workgauge.rehearse.session import StepResult
+from workgauge.rehearse.step_result import StepResult
 from workgauge.rehearse.truth import Reading
 from workgauge.values.arrays import Floats
 from workgauge.values.clearances import Clearances

@@ -24,7 +24,8 @@ from workgauge.rehearse.scenario import (
     TravelStep,
 )
 from workgauge.rehearse.scenario_file import LoadedScenario
-from workgauge.rehearse.session import SUBSTEPS, Session, StepResult
+from workgauge.rehearse.session import SUBSTEPS, Session
+from workgauge.rehearse.step_result import StepResult
 from workgauge.rehearse.targets import Targets, solid_points
 from workgauge.rehearse.travelling import Driver
 from workgauge.rehearse.words import run_assumptions, run_facts
@@ -103,6 +104,7 @@ def open_session(loaded: LoadedScenario) -> Session:
             tick_s=scenario.tick_ms * 1e-3,
             epsg=loaded.epsg,
             brakes=Brakes(scenario.brakes.deceleration_m_s2, scenario.brakes.reaction_s),
+            joints=scenario.joints,
             sensors=scenario.sensors,
             faults=scenario.faults,
             start_utc=scenario.start_utc,

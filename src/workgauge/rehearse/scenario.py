@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from workgauge.rehearse.hydraulic_choice import Joints
 from workgauge.rehearse.sensing import FaultChoice, Sensors
 from workgauge.sim.sensors.kit import START_UTC
 
@@ -227,8 +228,8 @@ class Scenario(Part):
     rules: str = Field(default="generic", description="a shipped rule book by name, or a file beside the scenario")
     guard: GuardChoice = GuardChoice()
     start: Start
-    joints: Literal["ideal"] = Field(
-        default="ideal", description="joints follow their command exactly, without delay"
+    joints: Joints = Field(
+        default="ideal", description="how joints follow their valves: at once, or as hydraulics do"
     )
     sensors: Sensors = Field(
         default="perfect", description="measurements are exact and fresh at every tick; or simulated receivers"

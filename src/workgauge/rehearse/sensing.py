@@ -4,8 +4,9 @@ import math
 from collections.abc import Iterable
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import BaseModel, ConfigDict, Field, Tag, model_validator
 
+from workgauge.rehearse.either import in_words
 from workgauge.sim.sensors.faults import Fault, FaultKind
 from workgauge.sim.sensors.settings import (
     FixNoise,
@@ -72,24 +73,9 @@ class NoiseChoice(Part):
         return FixNoise(sigmas, self.scale, self.correlated, self.common, self.correlation_s, self.velocity_m_s)
 
 
-def _in_words(words: tuple[str, ...], mapping: str) -> Discriminator:
-    """Return what tells one of several words from a mapping; the tags begin with `<` and name no key."""
-
-    def tag(given: Any) -> str | None:
-        if isinstance(given, dict | BaseModel):
-            return "<mapping>"
-        return "<word>" if given in words else None
-
-    return Discriminator(
-        tag,
-        custom_error_type="neither",
-        custom_error_message=f"is neither {' nor '.join(f'`{word}`' for word in words)} nor {mapping}",
-    )
-
-
 Noise: TypeAlias = Annotated[
     Annotated[Literal["datasheet", "none"], Tag("<word>")] | Annotated[NoiseChoice, Tag("<mapping>")],
-    _in_words(("datasheet", "none"), "numbers such as `{fixed_m: [0.02, 0.03]}`"),
+    in_words(("datasheet", "none"), "numbers such as `{fixed_m: [0.02, 0.03]}`"),
 ]
 
 
@@ -209,7 +195,7 @@ class SensorChoice(Part):
 #: What `sensors:` takes.
 Sensors: TypeAlias = Annotated[
     Annotated[Literal["perfect"], Tag("<word>")] | Annotated[SensorChoice, Tag("<mapping>")],
-    _in_words(("perfect",), "a mapping such as `{noise: datasheet, seed: 1}`"),
+    in_words(("perfect",), "a mapping such as `{noise: datasheet, seed: 1}`"),
 ]
 
 

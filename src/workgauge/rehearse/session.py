@@ -3,7 +3,6 @@
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from workgauge.gauge.rulebook import load_rule_book
 from workgauge.gauge.rules import RuleBook
 from workgauge.guard.api import Guard
 from workgauge.guard.travel import Brakes
-from workgauge.loop.config import search_radius_m, tick_config
+from workgauge.loop.config import TickConfig, search_radius_m, tick_config
 from workgauge.loop.inputs import TickInputs
 from workgauge.loop.memory import first_memory
 from workgauge.loop.tick import Trace, tick
@@ -23,6 +22,8 @@ from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
 from workgauge.proximity.scene import Scene
 from workgauge.rehearse.choices import chosen_files, chosen_guard, chosen_place, chosen_posture
+from workgauge.rehearse.hydraulic_choice import Joints
+from workgauge.rehearse.joints import moving
 from workgauge.rehearse.navigation import Known, Source, armed
 from workgauge.rehearse.posture import LetOff, start_posture
 from workgauge.rehearse.result import Snapshot
@@ -30,6 +31,7 @@ from workgauge.rehearse.scenario import OnGround, OnTrack
 from workgauge.rehearse.senses import Senses, senses
 from workgauge.rehearse.sensing import FaultChoice, Sensors
 from workgauge.rehearse.start import stand
+from workgauge.rehearse.step_result import Observer, StepResult
 from workgauge.rehearse.targets import nearest_point
 from workgauge.rehearse.travelling import Travel, TravelGround, allowed_travel, believed_place
 from workgauge.rehearse.truth import GeometricTruth, Reading, refuse_inside, snapshot
@@ -63,31 +65,6 @@ POLE_WITHIN_M = 15.0
 TICK_RADIUS_M = 7.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StepResult:
-    """What one step did.
-
-    Attributes:
-        t_s: start of the tick [s].
-        trace: what the tick saw, wanted and allowed, with its reasons.
-        frame: the valve command bytes that left the tick.
-        truth: the nearest true clearance within the step. before: the truth at the step's beginning.
-        known: posture, pose and health the tick was given. tracks: what the machine is believed to stand on.
-        travel: of the undercarriage.
-        tick_ms: wall-clock time of the tick alone [ms].
-    """
-
-    t_s: float
-    trace: Trace
-    frame: bytes
-    truth: Reading
-    before: Reading
-    known: Known
-    tracks: OnTracks
-    travel: Travel
-    tick_ms: float
-
-
 class Session:
     """A site, a machine, a rule book and a guard, with a simulated machine behind the plant interface.
 
@@ -103,7 +80,7 @@ class Session:
             arm would be in the way there, for a posture like it that is clear of the nearest pole.
         attachment: the attachment to mount, if the machine is loaded here.
         tick_s: tick period [s]. epsg: coordinate system, where the site files name none or a wrong one.
-        brakes: of the undercarriage.
+        brakes: of the undercarriage. joints: `ideal`, `hydraulic`, or how they follow their valves.
         sensors: `perfect`, or how the simulated receivers and link sensors of the machine behave; faults: what goes
             wrong with them.
         source: sends the bytes of receivers and sensors in their place (a log, a serial port).
@@ -128,6 +105,7 @@ class Session:
         tick_s: float = 0.01,
         epsg: int | None = None,
         brakes: Brakes | None = None,
+        joints: Joints = "ideal",
         sensors: Sensors = "perfect",
         faults: Sequence[FaultChoice] = (),
         source: Source | None = None,
@@ -141,6 +119,7 @@ class Session:
         self.guard = chosen_guard(guard, guard_parameters or {}) if isinstance(guard, str) else guard
         self.tick_s = tick_s
         self.brakes = brakes or Brakes()
+        self.moving = moving(joints, self.machine)
         asked = chosen_place(at, self.site)
         self.stand = stand(self.site, self.rules, self.machine, asked)
         position = self.stand.T_absolute_machine[:3, 3]
@@ -166,6 +145,7 @@ class Session:
             acceleration_m_s2=self.brakes.deceleration_m_s2,
             substep_s=tick_s / SUBSTEPS,
             on_substep=self._substep,
+            joints=self.moving.joints,
         )
         if self._source is not None:
             self._source.advance(0, q, T)
@@ -181,8 +161,10 @@ class Session:
             dt_s=self.tick_s,
             radius_m=radius_m,
             tool_sigma_m=0.0 if sensors == "perfect" and source is None else None,
+            drive=self.moving.drive,
         )
         self._memory = first_memory(self._config)
+        self._observers: list[Observer] = []
         self._now_ns = 0
         self._tick_ns = round(self.tick_s * 1e9)
         self.senses: Senses = senses(self, sensors, faults, source)
@@ -201,6 +183,20 @@ class Session:
         away = math.inf if near is None else float(np.linalg.norm((near - T_site_machine[:3, 3])[:2]))
         around = LetOff(self._scene, self._true_tracks.let_off)
         return start_posture(around, T_site_machine, near if away < POLE_WITHIN_M else None)
+
+    @property
+    def config(self) -> TickConfig:
+        """What the tick is set up with."""
+        return self._config
+
+    @property
+    def scene(self) -> Scene:
+        """The limits around the machine, as the tick is given them."""
+        return self._scene
+
+    def observe(self, observer: Observer) -> None:
+        """Hand every tick from now on to an observer, which must not change anything."""
+        self._observers.append(observer)
 
     @property
     def t_s(self) -> float:
@@ -332,6 +328,8 @@ class Session:
         began = time.perf_counter_ns()
         outputs, self._memory, trace = tick(inputs, self._memory, self._config)
         tick_ms = (time.perf_counter_ns() - began) * 1e-6
+        for observer in self._observers:
+            observer(inputs, outputs.frame, trace)
         before = self._truth_now()
         self._plant.write(outputs.frame)
         travel = self._drive(trace)

@@ -17,6 +17,7 @@ def run_facts(session: Session) -> dict[str, str]:
         "machine": f"{machine.title} ({machine.name}), {machine.attachment}",
         "rules": f"{session.rules.title} ({session.rules.name})",
         "guard": _guard_words(session.guard),
+        "joints": session.moving.words,
         "sensors": session.senses.words,
         "stands": session.stand.words,
         "own track, let off": "none" if own is None else own.strip(),
@@ -49,7 +50,7 @@ def run_assumptions(session: Session, travelled: bool, switched: bool) -> tuple[
         else "Every work state is on: every track but those the machine stands on counts as open to traffic."
     )
     return (
-        "Joints are ideal: each follows its valve at once, without dead time, lag or flow limit.",
+        session.moving.assumption,
         session.senses.assumption,
         travel if travelled else session.standing_assumption,
         *((states,) if session.states else ()),
