@@ -1,0 +1,1 @@
+"""Seeded random drives of a machine among limits, with simulated hydraulics: what judges a guard."""
