@@ -7,122 +7,278 @@ import numpy as np
 from numba import njit
 
 from workgauge.machine.stopping import StoppingModel
-from workgauge.values.arrays import Floats
+from workgauge.values.arrays import Floats, Ints
 
-#: A joint slower than this that is asked for nothing rests, but for what its lag still makes of it [rad/s, m/s].
-RESTING = 1e-4
+#: A joint slower than this rests: what its lag still makes of it is below 0.01 mm [rad/s, m/s].
+RESTING = 1e-6
 #: A deceleration that stands for none needed [rad/s^2, m/s^2].
 INSTANT = 1e9
+#: Between a command and its effect lies up to half a tick more or less than the dead time: ticks and bus are not one.
 TIMING = 0.5
+#: At most so many moments are looked at while the machine is fast.
+MOST_DENSE = 24
+#: A lag is over after so many time constants: a thousandth of the speed is left.
+SETTLED = 7.0
+#: A mark this far after the last command is at rest [s].
+FOR_EVER = 1e6
 
 
 @njit(cache=True)
-def _side(sent: Any, first: float, j: int, at: int, side: int) -> float:
-    """Return what the command `at` ticks from now asks of one side of joint j: 0 the positive, 1 the negative."""
-    if at > 0 or at < -sent.shape[0]:
-        return 0.0
-    u = first if at == 0 else sent[sent.shape[0] + at, j]
-    return u if (u > 0.0) == (side == 0) else 0.0
+def _step(v: float, w: float, lag: Any, rate: Any, dt: float) -> tuple[float, float]:
+    """Return the speed after `dt` and the way made, towards the speed `w` asked for: exact while `w` stays.
 
-
-@njit(cache=True)
-def _tick(
-    sent: Any, first: float, j: int, step: int, v: float, delays: Any, lag: Any, a: Any, dt: float
-) -> tuple[float, float]:
-    """Return the speed after the tick that begins `step` ticks from now, and the way made in it.
-
-    Commands change sides' speeds where their dead times end, which is inside a tick if a dead time is no whole one.
+    As long as the lag would change the speed faster than `rate` [rad/s^2, m/s^2], it changes by that; after that
+    exponentially. lag, rate (2): by direction, which changes where the speed passes zero.
     """
-    at0, at1 = math.floor(step - delays[0]), math.floor(step - delays[1])
-    change0, change1 = 1.0 - (step - delays[0] - at0), 1.0 - (step - delays[1] - at1)
-    way, done = 0.0, 0.0
-    for part in range(3):
-        end = min(change0, change1) if part == 0 else max(change0, change1) if part == 1 else 1.0
-        if end <= done:
-            continue
-        w = _side(sent, first, j, int(at0) + (1 if done >= change0 else 0), 0)
-        w += _side(sent, first, j, int(at1) + (1 if done >= change1 else 0), 1)
+    way = 0.0
+    while dt > 0.0:
         side = 0 if v > 0.0 or (v == 0.0 and w > 0.0) else 1
-        v, made = _step(v, w, lag[side], a[side], (end - done) * dt)
-        way += made
-        done = end
+        a, tau = rate[side], lag[side]
+        gap = w - v
+        braking = max(abs(gap) - a * tau, 0.0) / a
+        if v * w < 0.0:  # stop at zero, and go on from there by the other direction's numbers
+            if abs(v) <= a * braking:
+                still = abs(v) / a
+            else:
+                left = abs(v) - a * braking
+                still = braking + tau * math.log((left + abs(w)) / abs(w))
+            if still <= dt:
+                first = min(still, braking)
+                way += (v - math.copysign(0.5 * a * first, v)) * first
+                if still > braking:
+                    fast = v - math.copysign(a * braking, v)
+                    way += w * (still - braking) + fast * tau
+                v = 0.0
+                dt -= still
+                continue
+        if braking > 0.0:
+            span = min(braking, dt)
+            change = a * span if gap > 0.0 else -a * span
+            way += (v + 0.5 * change) * span
+            v += change
+            dt -= span
+            gap = w - v
+            if dt <= 0.0:
+                break
+        if tau <= 0.0:
+            return w, way + w * dt
+        settled = 1.0 - math.exp(-dt / tau)
+        return v + gap * settled, way + w * dt - gap * tau * settled
     return v, way
 
 
 @njit(cache=True)
-def _step(v: float, w: float, lag: float, a: float, dt: float) -> tuple[float, float]:
-    """Return the speed after `dt` and the way made, towards the speed `w` asked for: exact while `w` stays.
+def _follow(
+    times: Any,
+    asked: Any,
+    count: int,
+    begin: float,
+    end: float,
+    v: float,
+    way: float,
+    delay: Any,
+    lag: Any,
+    rate: Any,
+    dt: float,
+    marks: Any,
+    m: int,
+    least: Any,
+    most: Any,
+) -> tuple[float, float, int]:
+    """Move one joint on from `begin` to `end` and take its way in at every mark passed; speed, way, next mark.
 
-    As long as the lag would change the speed faster than `a`, it changes by `a`; after that exponentially.
+    times, asked (count): when the command became what, in ticks from now. One direction's valve side follows what of
+    it is positive, the other what is negative, each after its own `delay`. Time is cut where either changes.
     """
-    way, gap = 0.0, w - v
-    if abs(gap) > a * lag:
-        braking = (abs(gap) - a * lag) / a
-        if braking > dt:
-            braking = dt
-        dv = a * braking if gap > 0.0 else -a * braking
-        way = (v + 0.5 * dv) * braking
-        v += dv
-        dt -= braking
-        gap = w - v
-    if dt <= 0.0:
-        return v, way
-    if lag <= 0.0:
-        return w, way + w * dt
-    settled = 1.0 - math.exp(-dt / lag)
-    return v + gap * settled, way + w * dt - gap * lag * settled
+    t, i0, i1 = begin, 0, 0
+    while t < end:
+        while i0 + 1 < count and times[i0 + 1] + delay[0] <= t:
+            i0 += 1
+        while i1 + 1 < count and times[i1 + 1] + delay[1] <= t:
+            i1 += 1
+        stop = end
+        if i0 + 1 < count:
+            stop = min(stop, times[i0 + 1] + delay[0])
+        if i1 + 1 < count:
+            stop = min(stop, times[i1 + 1] + delay[1])
+        w = max(asked[i0], 0.0) + min(asked[i1], 0.0)
+        while t < stop:
+            mark = marks[m] if m < len(marks) else math.inf
+            until = mark if mark <= stop else stop
+            v, made = _step(v, w, lag, rate, (until - t) * dt)
+            way += made
+            t = until
+            if mark <= stop:
+                least[m], most[m] = min(least[m], way), max(most[m], way)
+                m += 1
+    return v, way, m
 
 
 @njit(cache=True)
-def _roll(
-    sent: Any, v: Any, first: Any, delay: Any, lag: Any, a: Any, dt: float, marks: Any, out: Any
-) -> None:
-    """Fill out (2, C, M, n) with the least and greatest displacement of every joint at each mark (M).
+def _commands(sent: Any, j: int, times: Any, asked: Any) -> int:
+    """Fill in when joint j was asked for what, and return how many entries that took; the first stands since ever."""
+    count = 1
+    times[0], asked[0] = -1e9, 0.0
+    for i in range(sent.shape[0]):
+        if sent[i, j] != asked[count - 1]:
+            times[count], asked[count] = i - sent.shape[0], sent[i, j]
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def _roll(sent: Any, v: Any, first: Any, delay: Any, lag: Any, rate: Any, dt: float, marks: Any, out: Any) -> None:
+    """Fill out (2, C, n, M) with the least and greatest displacement of every joint at each mark (M).
 
     sent (H, n): velocities commanded so far, the last one acting until now. v (V, n): speeds now. first (C, n): the
-    command of the tick that begins, zeros follow. delay, lag, a (V, n, 2), delay in ticks.
+    command of the tick that begins, zeros follow. delay, lag, rate (V, n, 2), delay in ticks. What a command
+    changes begins after its dead time: until then all first commands share one way.
     """
+    commands, joints, variants, total = first.shape[0], first.shape[1], v.shape[0], len(marks)
     out[0], out[1] = math.inf, -math.inf
-    for c in range(first.shape[0]):
-        for j in range(first.shape[1]):
-            for k in range(v.shape[0]):
-                speed, way, m, step = v[k, j], 0.0, 0, 0
-                flying = max(delay[k, j, 0], delay[k, j, 1]) + 1.0
-                while m < len(marks):
-                    if step == marks[m]:
-                        out[0, c, m, j] = min(out[0, c, m, j], way)
-                        out[1, c, m, j] = max(out[1, c, m, j], way)
-                        m += 1
-                        continue
-                    if step < flying:
-                        speed, made = _tick(sent, first[c, j], j, step, speed, delay[k, j], lag[k, j], a[k, j], dt)
-                        step += 1
-                    else:
-                        side = 0 if speed > 0.0 else 1
-                        span = (marks[m] - step) * dt
-                        speed, made = _step(speed, 0.0, lag[k, j, side], a[k, j, side], span)
-                        step = marks[m]
-                    way += made
+    least, most = np.empty(total), np.empty(total)
+    times, asked = np.empty(sent.shape[0] + 3), np.empty(sent.shape[0] + 3)
+    for j in range(joints):
+        count = _commands(sent, j, times, asked)
+        rests = count == 1
+        for k in range(variants):
+            rests = rests and v[k, j] == 0.0
+        for k in range(variants):
+            fork = min(delay[k, j, 0], delay[k, j, 1])
+            least[:], most[:] = math.inf, -math.inf
+            speed, way, m = v[k, j], 0.0, 0
+            if rests:
+                while m < total and marks[m] <= fork:
+                    least[m] = most[m] = 0.0
+                    m += 1
+            else:
+                speed, way, m = _follow(
+                    times,
+                    asked,
+                    count,
+                    0.0,
+                    fork,
+                    speed,
+                    way,
+                    delay[k, j],
+                    lag[k, j],
+                    rate[k, j],
+                    dt,
+                    marks,
+                    m,
+                    least,
+                    most,
+                )
+            for c in range(commands):
+                if _known(first, c, j) < c:
+                    continue
+                low, high = out[0, c, j], out[1, c, j]
+                for i in range(m):
+                    low[i], high[i] = min(low[i], least[i]), max(high[i], most[i])
+                if rests and first[c, j] == 0.0:
+                    for i in range(m, total):
+                        low[i], high[i] = min(low[i], 0.0), max(high[i], 0.0)
+                    continue
+                times[count], asked[count] = 0.0, first[c, j]
+                times[count + 1], asked[count + 1] = 1.0, 0.0
+                _follow(
+                    times,
+                    asked,
+                    count + 2,
+                    fork,
+                    marks[-1],
+                    speed,
+                    way,
+                    delay[k, j],
+                    lag[k, j],
+                    rate[k, j],
+                    dt,
+                    marks,
+                    m,
+                    low,
+                    high,
+                )
+        for c in range(commands):
+            before = _known(first, c, j)
+            if before < c:
+                out[0, c, j], out[1, c, j] = out[0, before, j], out[1, before, j]
 
 
 @njit(cache=True)
-def _advance(sent: Any, v: Any, delay: Any, lag: Any, a: Any, dt: float, out: Any) -> None:
-    """Fill out (V, n) with the speeds a tick later."""
-    for k in range(v.shape[0]):
-        for j in range(v.shape[1]):
-            out[k, j], _ = _tick(sent, 0.0, j, -1, v[k, j], delay[k, j], lag[k, j], a[k, j], dt)
+def _known(first: Any, c: int, j: int) -> int:
+    """Return the first of the commands that asks joint j for the same."""
+    for before in range(c):
+        if first[before, j] == first[c, j]:
+            return before
+    return c
+
+
+@njit(cache=True)
+def _advance(sent: Any, v: Any, delay: Any, lag: Any, rate: Any, dt: float, out: Any) -> None:
+    """Fill out (V, n) with the speeds now, v (V, n) being those a tick ago."""
+    times, asked, none = np.empty(sent.shape[0] + 1), np.empty(sent.shape[0] + 1), np.empty(0)
+    marks = np.empty(0, np.int64)
+    for j in range(v.shape[1]):
+        count = _commands(sent, j, times, asked)
+        for k in range(v.shape[0]):
+            out[k, j] = 0.0
+            if count > 1 or v[k, j] != 0.0:
+                out[k, j], _, _ = _follow(
+                    times,
+                    asked,
+                    count,
+                    -1.0,
+                    0.0,
+                    v[k, j],
+                    0.0,
+                    delay[k, j],
+                    lag[k, j],
+                    rate[k, j],
+                    dt,
+                    marks,
+                    0,
+                    none,
+                    none,
+                )
+            if count == 1 and abs(out[k, j]) < RESTING:
+                out[k, j] = 0.0
+
+
+def _marks(model: StoppingModel, dt_s: float, speeds: Floats, dense_s: float) -> Ints:
+    """Return the moments looked at, in ticks: close together while a stop is fast, then farther and farther apart."""
+    slow = model.slowest()
+    braking = float((slow.dead_time_s + speeds / slow.deceleration).max()) / dt_s
+    step, at, marks = max(round(dense_s / dt_s), math.ceil(braking / MOST_DENSE), 1), 1, [1]
+    while at < braking + 1.0:
+        at += step
+        marks.append(at)
+    rest = braking + float(slow.lag_s.max()) * SETTLED / dt_s
+    while at < rest:
+        step = max(round(step * 1.4), step + 1)
+        at += step
+        marks.append(at)
+    return np.array(marks, dtype=np.int64)
 
 
 class Rollout:
     """The stopping model ready for one tick period; immutable.
 
     Args:
-        model: how the joints stop. dt_s: the tick's period. speed_positive, speed_negative: (n,) highest speeds.
-        marks: at most so many moments until rest are looked at.
+        model: how the joints stop. dt_s: the tick's period [s]. speed_positive, speed_negative: (n,) highest speeds.
+        dense_s: time between the moments looked at while the machine is fast [s].
+
+    Attributes:
+        marks: (M,) the moments looked at, in ticks from now; the last stands for rest.
+        memory: commands this many ticks old may still act.
     """
 
     def __init__(
-        self, model: StoppingModel, dt_s: float, speed_positive: Floats, speed_negative: Floats, marks: int = 24
+        self,
+        model: StoppingModel,
+        dt_s: float,
+        speed_positive: Floats,
+        speed_negative: Floats,
+        dense_s: float = 0.04,
     ) -> None:
         corners = model.corners()
         self.dt_s = dt_s
@@ -130,11 +286,10 @@ class Rollout:
         self._delay = np.stack([one.dead_time_s.T for one in corners]) / dt_s + late[:, None, None]
         self._delay = np.maximum(self._delay, 0.0)
         self._lag = np.stack([one.lag_s.T for one in corners])
-        self._deceleration = np.minimum(np.stack([one.deceleration.T for one in corners]), INSTANT)
-        #: Commands this many ticks old may still act.
+        self._rate = np.minimum(np.stack([one.deceleration.T for one in corners]), INSTANT)
         self.memory = math.ceil(float(self._delay.max(initial=0.0))) + 2
-        steps = max(math.ceil(model.horizon_s(speed_positive, speed_negative) / dt_s), 1) + 1
-        self.marks = np.unique(np.round(np.linspace(1, steps, min(marks, steps)))).astype(np.int64)
+        self.marks = _marks(model, dt_s, np.stack([speed_positive, speed_negative]), dense_s).astype(np.float64)
+        self.marks[-1] = FOR_EVER / dt_s
         self.variants, self.n = len(corners), model.n
 
     def rest(self) -> Floats:
@@ -144,11 +299,15 @@ class Rollout:
     def advanced(self, v: Floats, sent: Floats) -> Floats:
         """Return the speeds (V, n) one tick later; sent (H, n) has the command of that tick as its last."""
         out = np.empty_like(v)
-        _advance(sent, v, self._delay, self._lag, self._deceleration, self.dt_s, out)
+        _advance(sent, v, self._delay, self._lag, self._rate, self.dt_s, out)
         return out
 
     def displacements(self, v: Floats, sent: Floats, first: Floats) -> tuple[Floats, Floats]:
         """Return the least and the greatest displacement (C, M, n) at each mark, for each first command (C, n)."""
-        out = np.empty((2, len(first), len(self.marks), self.n))
-        _roll(sent, v, first, self._delay, self._lag, self._deceleration, self.dt_s, self.marks, out)
-        return out[0], out[1]
+        out = np.empty((2, len(first), self.n, len(self.marks)))
+        _roll(
+            *(sent, v, first, self._delay, self._lag, self._rate),
+            *(self.dt_s, self.marks, out),
+        )
+        found = out.transpose(0, 1, 3, 2)
+        return found[0], found[1]
