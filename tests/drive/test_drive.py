@@ -97,3 +97,29 @@ def test_closing_is_immediate() -> None:
 
 def test_one_valve_that_must_wait_makes_all_wait() -> None:
     assert ramped((1000, 0, 0), (1000, 5000, 0), STEPS) == (100, 500, 0)
+
+
+JUMPS = ((500, 800), (1500, 1200), (0, 1000))
+
+
+def beyond(valve: int, jump: tuple[int, int]) -> int:
+    """Return what of an opening lies beyond its jump, signed."""
+    return max(valve - jump[0], 0) if valve > 0 else -max(-valve - jump[1], 0)
+
+
+@settings(max_examples=400, deadline=None)
+@given(openings, openings)
+def test_a_valve_jumps_at_once_and_ramps_beyond(was: list[int], want: list[int]) -> None:
+    out = ramped(was, want, STEPS, JUMPS)
+    moved = [beyond(valve, jump) for valve, jump in zip(out, JUMPS, strict=True)]
+    asked = [beyond(valve, jump) for valve, jump in zip(want, JUMPS, strict=True)]
+    before = [beyond(valve, jump) for valve, jump in zip(was, JUMPS, strict=True)]
+    assert [valve == 0 for valve in out] == [share == 0 for share in moved]
+    for b, m, a, step in zip(before, moved, asked, STEPS, strict=True):
+        assert min(b, 0) - step <= m <= max(b, 0) + step and abs(m) <= abs(a) and m * a >= 0
+    shares = [abs(m / a) for m, a in zip(moved, asked, strict=True) if a]
+    assert not shares or max(shares) - min(shares) <= max(1 / abs(a) for a in asked if a)
+    assert ramped(was, want, STEPS, ((0, 0),) * 3) == ramped(was, want, STEPS)
+    for _ in range(2 * math.ceil(VALVE_FULL / 500) + 2):
+        out = ramped(out, want, STEPS, JUMPS)
+    assert [beyond(valve, jump) for valve, jump in zip(out, JUMPS, strict=True)] == asked

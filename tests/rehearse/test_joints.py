@@ -46,7 +46,7 @@ def test_hydraulic_joints_have_a_drive_with_their_bands_and_pump() -> None:
     banded = moving(HydraulicChoice(dead_band_percent=8.0, pump=False), machine()).drive
     assert isinstance(banded, HydraulicDrive) and banded.rest > 0.0
     assert banded.dead_band == ((0.08, 0.08),) * 6 and math.isinf(banded.pump) and banded.flow == ()
-    assert banded.jump == (VALVE_FULL * 8 // 100,) * 6
+    assert banded.jump == ((800, 800),) * 6
 
 
 def test_what_is_said_of_them_is_what_was_simulated() -> None:
@@ -109,9 +109,11 @@ def test_a_session_on_hydraulic_joints_sets_out_late_and_moves_on_after_the_leve
 
 def test_the_gate_lets_a_valve_jump_over_its_dead_band() -> None:
     session = Session(at=(25487288.0, 6714595.5, 42.0), joints=HydraulicChoice(dead_band_percent=10.0))
-    assert session.config.gate.max_step == session.config.max_step
-    assert min(session.config.max_step) > 0.1 * VALVE_FULL
-    assert any(valve for _, valve in drive_boom(session))
+    assert [gate - own for gate, own in zip(session.config.gate.max_step, session.config.max_step, strict=True)] == (
+        [VALVE_FULL // 10] * 6
+    )
+    valves = [valve for _, valve in drive_boom(session) if valve]
+    assert VALVE_FULL // 10 < abs(valves[0]) <= VALVE_FULL // 10 + session.config.max_step[1]
 
 
 SHIPPED = shipped_path("scenarios", "pole-approach.yaml").read_text(encoding="utf-8")
@@ -127,7 +129,7 @@ def scenario(tmp_path, joints: str):  # type: ignore[no-untyped-def]
 
 def test_a_scenario_says_what_its_joints_are(tmp_path) -> None:  # type: ignore[no-untyped-def]
     session = open_session(scenario(tmp_path, "{dead_band_percent: 6, by_joint: {boom: {dead_time_s: 0.4}}}"))
-    assert session.moving.drive.jump == (600,) * 6
+    assert session.moving.drive.jump == ((600, 600),) * 6
     assert isinstance(session.moving.joints, HydraulicJoints)
     assert open_session(scenario(tmp_path, "hydraulic")).moving.words.startswith("hydraulic")
 

@@ -8,8 +8,8 @@ class Drive(Protocol):
     """The way from joint velocities to valves and back, each joint and direction by its own full speed."""
 
     @property
-    def jump(self) -> tuple[int, ...]:
-        """Opening (n) that a valve crosses at once, in which nothing moves: its dead band, 0 for none."""
+    def jump(self) -> tuple[tuple[int, int], ...]:
+        """Largest openings (n) on the positive and negative side that do not move yet: dead bands, 0 for none."""
         ...
 
     def valves(

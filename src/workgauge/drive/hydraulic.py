@@ -54,9 +54,9 @@ class HydraulicDrive:
         return cls(speeds, bands, flows, pump.flow, machine.cylinders)
 
     @property
-    def jump(self) -> tuple[int, ...]:
-        """Return the opening (n) at which each joint begins to move, in the direction where that is larger."""
-        return tuple(math.ceil(max(pair) * VALVE_FULL) for pair in self.dead_band)
+    def jump(self) -> tuple[tuple[int, int], ...]:
+        """Return the dead bands (n) as openings, positive and negative side."""
+        return tuple((_closed(up), _closed(down)) for up, down in self.dead_band)
 
     def valves(
         self,
@@ -139,6 +139,14 @@ def led(
 def _share(opening: int, band: float) -> float:
     """Return the share of full speed at an opening, 0 to VALVE_FULL."""
     return max(opening / VALVE_FULL - band, 0.0) / (1.0 - band)
+
+
+def _closed(band: float) -> int:
+    """Return the largest opening that has no share of full speed."""
+    opening = math.floor(band * VALVE_FULL) + 1
+    while _share(opening, band) > 0.0:
+        opening -= 1
+    return opening
 
 
 def _opening(speed: float, full: float, band: float) -> int:

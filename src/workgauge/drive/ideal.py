@@ -25,9 +25,9 @@ class IdealDrive:
         return cls(tuple(machine.speed_positive.tolist()), tuple(machine.speed_negative.tolist()))
 
     @property
-    def jump(self) -> tuple[int, ...]:
+    def jump(self) -> tuple[tuple[int, int], ...]:
         """Return zeros (n): every opening moves."""
-        return (0,) * len(self.speed_positive)
+        return ((0, 0),) * len(self.speed_positive)
 
     def valves(
         self,

@@ -37,7 +37,7 @@ class TickConfig:
         dt_s: the tick's period [s].
         posture_age_s, pose_age_s, intent_age_s: oldest inputs to move on [s].
         motion: levers and inverse kinematics.
-        drive: velocity to valves. max_step: (n) largest valve opening per tick, dead band included.
+        drive: velocity to valves. max_step: (n) largest valve opening per tick, beyond what the drive jumps.
         gate: the gate's own limits.
     """
 
@@ -111,7 +111,7 @@ def tick_config(
     settings = {name: getattr(given, name) for name in MotionConfig.__slots__} | {"dt_s": dt_s}
     drive = drive or IdealDrive.of(machine)
     step = max(int(VALVE_FULL * dt_s / ramp_s), 1) if ramp_s > dt_s else VALVE_FULL
-    steps = tuple(min(step + jump, VALVE_FULL) for jump in drive.jump)
+    jumping = tuple(min(step + max(jump), VALVE_FULL) for jump in drive.jump)
     return TickConfig(
         machine=machine,
         machine_id=machine_id,
@@ -125,8 +125,8 @@ def tick_config(
         intent_age_s=intent_age_s,
         motion=MotionConfig(**settings),
         drive=drive,
-        max_step=steps,
-        gate=_gate_config(machine, machine_id, steps, dt_s, ages),
+        max_step=(step,) * machine.n,
+        gate=_gate_config(machine, machine_id, jumping, dt_s, ages),
     )
 
 

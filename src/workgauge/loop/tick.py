@@ -100,7 +100,9 @@ def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[Ti
     if guard_memory is None:
         guard_memory = config.guard.idle(sent, machine, config.dt_s, elapsed_s, memory.guard)
 
-    valves = ramped(memory.valves, config.drive.valves(allowed.tolist(), at, memory.valves), config.max_step)
+    valves = ramped(
+        memory.valves, config.drive.valves(allowed.tolist(), at, memory.valves), config.max_step, config.drive.jump
+    )
     frame, gate, refusals = _vetted(valves, inputs, memory, config)
     said = {reason.code for reason in seen.reasons}
     reasons += [reason for reason in refusals if reason.code not in said]
@@ -115,7 +117,7 @@ def _ramped(wanted: Floats, memory: TickMemory, kin: Kinematics, config: TickCon
     """Return the wanted velocity (n,) as far as the valves may open by now: what the guard judges can be sent."""
     at = kin.q.tolist()
     openings = config.drive.valves(wanted.tolist(), at, memory.valves)
-    ramp = ramped(memory.valves, openings, config.max_step)
+    ramp = ramped(memory.valves, openings, config.max_step, config.drive.jump)
     return wanted if ramp == openings else np.array(config.drive.velocity(ramp, at))
 
 
