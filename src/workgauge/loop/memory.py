@@ -70,9 +70,12 @@ def restored(plain: Mapping[str, Any]) -> TickMemory:
 
 
 def _listed(value: object) -> object:
-    if isinstance(value, np.ndarray):
+    """Return a value with arrays, tuples and numpy's numbers, however deep, as lists and Python's own."""
+    if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
-    return list(value) if isinstance(value, tuple) else value
+    if isinstance(value, Mapping):
+        return {name: _listed(one) for name, one in value.items()}
+    return [_listed(one) for one in value] if isinstance(value, tuple | list) else value
 
 
 def _tupled(value: Any) -> Any:
