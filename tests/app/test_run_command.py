@@ -45,6 +45,7 @@ def test_exactly_the_documented_object_and_the_report(cli, write, tmp_path: Path
         "tick_ms",
         "min_self_clearance_m",
         "self_entries",
+        "chatter",
         "positioning",
         "travel",
         "warnings",

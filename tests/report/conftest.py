@@ -91,6 +91,7 @@ def run() -> RunResult:
         wanted=asked,
         allowed=asked * scale[:, None],
         valves=np.round(asked * scale[:, None] * 1e4),
+        sent=asked * scale[:, None],
         scale=scale,
         true_m=gap,
         believed_m=gap,

@@ -43,7 +43,7 @@ def test_nothing_outside_is_referred_to(run: RunResult) -> None:
 
 def test_every_picture_is_well_formed_and_finite(run: RunResult) -> None:
     pictures = re.findall(r"<svg.*?</svg>", render(run), flags=re.DOTALL)
-    assert len(pictures) == 5
+    assert len(pictures) == 7
     for picture in pictures:
         ElementTree.fromstring(picture)
         assert "nan" not in picture and "inf" not in picture.replace("inf.", "")
@@ -115,6 +115,7 @@ def test_json_has_exactly_the_documented_keys(run: RunResult) -> None:
         "tick_ms",
         "min_self_clearance_m",
         "self_entries",
+        "chatter",
         "positioning",
         "travel",
         "warnings",

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from workgauge.drive.api import Drive
 from workgauge.rehearse.result import PositionSeries, Series, TickTimes, TravelSeries
 from workgauge.rehearse.step_result import StepResult
 from workgauge.rehearse.truth import Reading
@@ -19,10 +20,15 @@ SURELY_SEEN_M = 1.0
 
 
 class Recorder:
-    """Gathers the rows of `Series` while a run goes on."""
+    """Gathers the rows of `Series` while a run goes on.
 
-    def __init__(self) -> None:
-        self.rows: list[tuple[float, Floats, Floats, Floats, tuple[int, ...], float]] = []
+    Args:
+        drive: which joint velocities valves ask for.
+    """
+
+    def __init__(self, drive: Drive) -> None:
+        self._drive = drive
+        self.rows: list[tuple[float, Floats, Floats, Floats, tuple[int, ...], tuple[float, ...], float]] = []
         self.true_m: list[float] = []
         self.believed_m: list[float] = []
         self.self_m: list[float] = []
@@ -39,7 +45,8 @@ class Recorder:
         """Take in one tick, with the true joints, machine pose and tool at its beginning."""
         trace = done.trace
         scale = trace.scale if trace.desired.any() else 1.0  # nothing wanted, nothing held back
-        self.rows.append((done.t_s, q, trace.desired, trace.allowed, trace.valves, scale))
+        sent = self._drive.velocity(trace.valves, q.tolist())
+        self.rows.append((done.t_s, q, trace.desired, trace.allowed, trace.valves, sent, scale))
         self.true_m.append(_metres(done.truth, own=False))
         self.self_m.append(_metres(done.truth, own=True))
         seen = trace.clearances
@@ -70,7 +77,7 @@ class Recorder:
 
     def series(self) -> Series:
         """Return the rows so far as columns."""
-        t_s, q, wanted, allowed, valves, scale = (
+        t_s, q, wanted, allowed, valves, sent, scale = (
             np.array(column, dtype=np.float64) for column in zip(*self.rows, strict=True)
         )
         return Series(
@@ -79,6 +86,7 @@ class Recorder:
             wanted,
             allowed,
             valves,
+            sent,
             scale,
             np.array(self.true_m),
             np.array(self.believed_m),

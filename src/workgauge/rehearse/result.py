@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from workgauge.rehearse.chatter import Chatter, chatter
 from workgauge.values.arrays import Floats
 from workgauge.values.limits import Limit
 
@@ -115,7 +116,7 @@ class Series:
         t_s: (n,) start of the tick [s].
         q: (n, joints) true joint positions [rad, m].
         wanted: (n, joints) the operator's joint velocities; allowed: (n, joints) the guard's [rad/s, m/s].
-        valves: (n, joints) integer valve commands that left the tick.
+        valves: (n, joints) integer valve commands that left the tick. sent: the joint velocities those ask for.
         scale: (n,) share of the wanted speed the guard left.
         true_m: (n,) smallest true clearance to a limit within the tick, NaN if none was in sight [m].
         believed_m: (n,) smallest clearance to a limit the program believed at the tick, NaN likewise [m].
@@ -131,6 +132,7 @@ class Series:
     wanted: Floats
     allowed: Floats
     valves: Floats
+    sent: Floats
     scale: Floats
     true_m: Floats
     believed_m: Floats
@@ -279,6 +281,10 @@ class RunResult:
         """Simulated time [s]."""
         return self.ticks * self.tick_s
 
+    def chatter(self) -> Chatter | None:
+        """Return how much of the commanded acceleration is faster than hands move; None if the ticks are too slow."""
+        return chatter(self.series.sent, self.series.wanted, self.tick_s)
+
     def name_of(self, limit: str | None) -> str:
         """Return what a person calls a limit id."""
         if limit is None:
@@ -304,6 +310,7 @@ class RunResult:
                 None if self.min_self_clearance_m is None else round(self.min_self_clearance_m, 6)
             ),
             "self_entries": len(self.self_entries),
+            "chatter": None if (found := self.chatter()) is None else found.as_json(self.joint_names),
             "positioning": None if self.position is None else self.position.as_json(self.tick_s),
             "travel": None if self.travel is None else self.travel.as_json(self.tick_s),
             "warnings": list(self.warnings),

@@ -177,7 +177,7 @@ def run_session(
     along_m, facing = session.start_along_m or (None, 1.0)
     driver = Driver(travel, along_m, facing, session.brakes)
     switches = _switches(session, states)
-    recorder, log = Recorder(), InterventionLog()
+    recorder, log = Recorder(session.moving.drive), InterventionLog()
     start = session.snapshot()
     before = _in_machine(session.tool, session.true_state[1])
     while session.t_s < LONGEST_S and not session.finished:

@@ -6,6 +6,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from workgauge.rehearse.result import RunResult
+from workgauge.report.chatter_figures import chatter_section
 from workgauge.report.figures import clearance_figure, scale_figure, speed_figure
 from workgauge.report.position_figures import position_section
 from workgauge.report.verdict import details, headline, metres
@@ -140,6 +141,7 @@ proportion; at p_l it is refused. Moving away is never slowed.</p>
 {speed_figure(result)}
 {scale_figure(result)}
 </section>
+{chatter_section(result)}
 <section>
 <h2>Where it happened</h2>
 <div class="two">
