@@ -1,0 +1,121 @@
+"""What each lever alone may still do, from the same rows as the programme."""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from workgauge.guard.programme import SHORT
+from workgauge.values.arrays import Floats, Ints, freeze
+from workgauge.values.ranges import LeverRanges
+
+#: A joint that turns less than this for one metre per second of the tool does not turn.
+_STILL = 1e-12
+
+
+def lever_ranges(
+    rows_positive: Floats,
+    rows_negative: Floats,
+    slack: Floats,
+    alpha: float,
+    speed_positive: Floats,
+    speed_negative: Floats,
+    tool_rates: Floats,
+    *,
+    ends_positive: Floats | None = None,
+    ends_negative: Floats | None = None,
+    clearance_of: Ints | None = None,
+) -> LeverRanges:
+    """Return how fast each joint alone, and the tool along one axis alone, may be commanded for this tick.
+
+    An end of an interval is the largest command that leaves every row its due, `change >= -alpha max(slack, 0)` to
+    within `SHORT`, exact by a ratio test: change of slack and command are taken as proportional, the joints' effects
+    as additive, as in the programme. All the other levers in the middle: two levers at their ends together may be too
+    much. The tool's interval also keeps every joint within its speed; where the tool cannot go at all it is 0 to 0.
+
+    Args:
+        rows_positive: (k, n) change of slack if joint j alone is commanded at its full positive speed [m].
+        rows_negative: (k, n) likewise at its full negative speed.
+        slack: (k,) [m], infinite for a row that does not matter.
+        alpha: share of the slack that this tick may use up, above 0, at most 1.
+        speed_positive, speed_negative: (n,) full speeds, both above 0 [rad/s, m/s].
+        tool_rates: (3, n) joint velocities for 1 m/s of the tool along the machine's x, y, z; NaN where it cannot go.
+        ends_positive, ends_negative: (n,) share of the full speed that the joint's end leaves, 0 to 1; ones if None.
+        clearance_of: (k,) the clearance of each row, for `..._by`; the row itself if None.
+
+    Returns:
+        the intervals, frozen. Numbers that are none leave 0 to 0 where they matter; nothing is raised for them.
+    """
+    k, n = np.shape(rows_positive)
+    positive = np.empty((2, k, n))
+    positive[0], positive[1] = rows_positive, rows_negative
+    speeds = np.array((speed_positive, speed_negative), dtype=np.float64)
+    ends = np.ones((2, n))
+    if ends_positive is not None:
+        ends[0] = ends_positive
+    if ends_negative is not None:
+        ends[1] = ends_negative
+    of = np.arange(k) if clearance_of is None else np.array(clearance_of, dtype=np.int64)
+    slack, rates = np.array(slack, dtype=np.float64), np.array(tool_rates, dtype=np.float64)
+    arrays = _ranges(positive, slack, alpha, speeds, rates, ends, of)
+    for array in arrays:
+        freeze(array)
+    return LeverRanges(*arrays)
+
+
+def warm_up() -> None:
+    """Compile the kernel, so that no tick has to: seconds the first time on a computer, milliseconds after."""
+    lever_ranges(np.ones((1, 1)), np.ones((1, 1)), np.ones(1), 1.0, np.ones(1), np.ones(1), np.ones((3, 1)))
+
+
+@njit(cache=True)
+def _ranges(
+    rows: Floats, slack: Floats, alpha: float, speeds: Floats, rates: Floats, ends: Floats, of: Ints
+) -> tuple[Floats, Floats, Floats, Floats, Ints, Ints, Ints, Ints]:
+    """Return the fields of `LeverRanges`. rows (2, k, n), speeds, ends (2, n): positive first, then negative."""
+    _, k, n = rows.shape
+    joints, joints_by = np.zeros((2, n)), np.full((2, n), -1)
+    tool, tool_by = np.zeros((2, 3)), np.full((2, 3), -1)
+    change = np.empty(k)
+    for side in range(2):
+        sign = 1.0 if side == 0 else -1.0
+        for j in range(n):
+            change[:] = rows[side, :, j]
+            most, row = _furthest(change, slack, alpha, ends[side, j])
+            joints[side, j] = sign * most * speeds[side, j] + 0.0  # no minus zero
+            joints_by[side, j] = of[row] if row >= 0 else -1
+        for axis in range(3):
+            most, moves = np.inf, False
+            change[:] = 0.0
+            for j in range(n):
+                rate = sign * rates[axis, j]
+                if abs(rate) <= _STILL:
+                    continue
+                toward = 0 if rate > 0.0 else 1
+                part = abs(rate) / speeds[toward, j]
+                moves = True
+                most = min(most, ends[toward, j] / part) if part >= 0.0 else np.nan
+                for i in range(k):
+                    change[i] += part * rows[toward, i, j]
+            if not moves or not most > 0.0:
+                continue
+            change *= most
+            part, row = _furthest(change, slack, alpha, 1.0)
+            tool[side, axis] = sign * most * part + 0.0
+            tool_by[side, axis] = of[row] if row >= 0 else -1
+    return joints[1], joints[0], tool[1], tool[0], joints_by[1], joints_by[0], tool_by[1], tool_by[0]
+
+
+@njit(cache=True)
+def _furthest(change: Any, slack: Any, alpha: float, most: float) -> tuple[float, int]:
+    """Return the largest share, at most `most`, of a motion that changes the slacks by `change`, and what ends it."""
+    if not most > 0.0:
+        return 0.0, -1
+    which = -1
+    for i in range(len(change)):
+        least = -alpha * max(slack[i], 0.0)
+        if not (np.isfinite(change[i]) and least <= 0.0):
+            return 0.0, i
+        if change[i] * most < least - SHORT and least / change[i] < most:
+            most, which = least / change[i], i
+    return most, which
