@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workgauge.guard.api import Guard
 from workgauge.guard.travel import Brakes
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
@@ -82,22 +83,27 @@ def drive_at_anything(steps: Sequence[Step]) -> tuple[Step, ...]:
     )
 
 
-def open_session(loaded: LoadedScenario) -> Session:
+def open_session(
+    loaded: LoadedScenario, *, guard: Guard | None = None, machine: MachineModel | None = None
+) -> Session:
     """Return the session a scenario describes.
+
+    Args:
+        loaded: the scenario. guard, machine: ready-made, in place of the scenario's own.
 
     Raises:
         InputError: if anything in it cannot be used.
     """
     scenario = loaded.scenario
     try:
-        machine = load_machine(loaded.machine, scenario.attachment)
+        machine = machine or load_machine(loaded.machine, scenario.attachment)
         if loaded.posture is not None:
             _check_units(scenario.start, machine)
         return Session(
             site=list(loaded.site_files),
             machine=machine,
             rules=loaded.rules,
-            guard=scenario.guard.name,
+            guard=guard or scenario.guard.name,
             at=loaded.place,
             posture=loaded.posture,
             guard_parameters=scenario.guard.parameters,
