@@ -16,8 +16,9 @@ from workgauge.values.arrays import Floats, frozen
 from workgauge.values.errors import InputError, ScenarioError
 from workgauge.values.transforms import rotation
 
-#: A drive begins at least this much farther from everything than the stop distance [m].
-START_ROOM_M = 0.3
+#: A drive begins at least this much farther from every limit than the stop distance [m]. So do links from each other,
+#: but where a small machine has no such posture, they make do with less, down to the other.
+START_ROOM_M, START_OWN_ROOM_M = 0.3, 0.02
 #: It begins no farther than this from some limit, if such a posture is found [m].
 START_NEAR_M = 1.5
 #: Postures tried at one place, and places tried for one drive.
@@ -51,6 +52,7 @@ class DriveSettings:
         random_places: share of drives among random limits; the others are on the site.
         doubt: of pose and posture. tool_speed_m_s: at the full lever where levers move the tool.
         radius_m: how far the tick looks.
+        near_m: the truth is told by kind of limit and link for clearances within this of their stop distance.
     """
 
     dynamics: Dynamics = field(default_factory=Dynamics)
@@ -64,6 +66,7 @@ class DriveSettings:
     doubt: Doubt = field(default_factory=Doubt)
     tool_speed_m_s: float = 1.0
     radius_m: float = 7.0
+    near_m: float = 1.0
 
     def __post_init__(self) -> None:
         unknown = [kind for kind in self.kinds if kind not in DRIVE_KINDS]
@@ -73,6 +76,7 @@ class DriveSettings:
             ("substeps", 1 <= self.substeps <= 100, "1 to 100"),
             ("stop_distance_m", 0.0 <= self.stop_distance_m <= 10.0, "0 to 10 m"),
             ("kinds", bool(self.kinds) and not unknown, ", ".join(DRIVE_KINDS)),
+            ("near_m", 0.0 <= self.near_m <= 10.0, "0 to 10 m"),
             ("gate_closes", 0.0 <= self.gate_closes <= 1.0, "0 to 1"),
             ("random_places", 0.0 <= self.random_places <= 1.0, "0 to 1"),
         ):
@@ -125,8 +129,10 @@ class Drives:
         Place, start posture and levers depend on the seed and on `seconds`, `stop_distance_m`, `kinds`,
         `gate_closes` and `random_places`, not on the dynamics.
 
+        Where no place on the site leaves the arm any room, the drive is among random limits instead.
+
         Raises:
-            ScenarioError: if no posture clear of everything is found, however often another place is drawn.
+            ScenarioError: if no posture clear of everything is found there either.
         """
         rng = np.random.default_rng((seed, _PLACE))
         place, q = self._start(rng, settings)
@@ -142,16 +148,20 @@ class Drives:
         T_error[:3, 3] = doubt.position_m * errors.normal(size=3)
         T_error[:3, :3] = rotation(doubt.angle_rad * errors.normal(size=3))
         q_error = frozen(doubt.joint * errors.normal(size=machine.n))
+        place = place.with_machine(machine)
         return Drive(seed, kind, place, machine, hydraulics, q, programme, frozen(T_error), q_error, settings)
 
     def _start(self, rng: np.random.Generator, settings: DriveSettings) -> tuple[Place, Floats]:
         """Return a place and a posture there, clear of everything and near something."""
-        among = self._site is None or rng.random() < settings.random_places
-        for _ in range(_PLACES):
-            place = self._random.draw(rng) if among or self._site is None else self._site.draw(rng)
-            q = _clear_posture(rng, self.machine, place, settings.stop_distance_m)
-            if q is not None:
-                return place, q
+        sources: list[SitePlaces | RandomPlaces] = [self._random]
+        if self._site is not None and rng.random() >= settings.random_places:
+            sources.insert(0, self._site)
+        for source in sources:
+            for _ in range(_PLACES):
+                place = source.draw(rng)
+                q = _clear_posture(rng, self.machine, place, settings.stop_distance_m)
+                if q is not None:
+                    return place, q
         raise ScenarioError(
             "no posture clear of everything was found", element="drive", value=f"{_PLACES} places tried"
         )
@@ -162,14 +172,16 @@ def _clear_posture(
 ) -> Floats | None:
     """Return the first random posture that is clear of everything and near a limit, or else the nearest clear one."""
     best: tuple[float, Floats] | None = None
-    for _ in range(_POSTURES):
-        q = frozen(rng.uniform(machine.sample_min, machine.sample_max))
+    for k in range(_POSTURES):
+        anywhere = rng.uniform(machine.sample_min, machine.sample_max)
+        q = frozen(anywhere if k % 2 == 0 else machine.home + rng.random() * (anywhere - machine.home))
         found = place.truth.query(machine.forward(q), place.T_site_machine, 2.0 * START_NEAR_M)
         own = found.stop_distances
         room = found.distances - np.where(np.isnan(own), stop_distance_m, own)
-        if len(found) and float(room.min()) < START_ROOM_M:
+        own_links, own_room = found.other_links >= 0, max(START_ROOM_M * (1.0 - k / _POSTURES), START_OWN_ROOM_M)
+        if (room < np.where(own_links, own_room, START_ROOM_M)).any():
             continue
-        outside = room[found.other_links < 0]
+        outside = room[~own_links]
         nearest = float(outside.min()) if outside.size else 2.0 * START_NEAR_M
         if best is None or nearest < best[0]:
             best = nearest, q

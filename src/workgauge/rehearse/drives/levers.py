@@ -147,8 +147,7 @@ class Operator:
         parts = tried * self._full * self._rows[i]
         moved, net = np.abs(parts).sum(axis=1), parts.sum(axis=1)
         fine = (net <= 0.05 * moved) & (net >= -0.3 * moved)
-        best: Floats = tried[int(np.argmax(np.where(fine, moved, -1.0)))]
-        return best
+        return np.asarray(tried[int(np.argmax(np.where(fine, moved, -1.0)))])
 
     def _tangent(self, found: Clearances, i: int, rng: np.random.Generator) -> Floats:
         """Return a direction (3,) in the site along the limit's face, leaning towards it a little."""
@@ -157,9 +156,9 @@ class Operator:
         along = axis - (axis @ normal) * normal
         length = float(np.linalg.norm(along))
         if length < 1e-6:
-            return -normal
-        leaning: Floats = along / length - float(rng.uniform(0.0, 0.4)) * normal
-        return np.asarray(leaning / np.linalg.norm(leaning))
+            return frozen(-normal)
+        leaning = along / length - float(rng.uniform(0.0, 0.4)) * normal
+        return np.asarray(leaning / np.linalg.norm(leaning), dtype=np.float64)
 
     def _tool(self, direction: Floats, line: bool) -> Held:
         """Return levers that move the tool that way (3,), site frame, along a line or by the machine's axes."""
@@ -191,8 +190,8 @@ class Operator:
 
     def _signs(self, rng: np.random.Generator) -> Floats:
         """Return full levers (n,), -1, 0 or 1, of several joints at once."""
-        signs: Floats = rng.choice([-1.0, 1.0], len(self._full)) * (rng.random(len(self._full)) < 0.6) * self._moves
-        return signs
+        n = len(self._full)
+        return np.asarray(rng.choice([-1.0, 1.0], n) * (rng.random(n) < 0.6) * self._moves)
 
 
 def drawn_kind(rng: np.random.Generator, kinds: Sequence[DriveKind] = DRIVE_KINDS) -> DriveKind:

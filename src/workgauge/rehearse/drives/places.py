@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -39,6 +40,15 @@ class Place:
     truth: Scene
     T_site_machine: Floats
     words: str
+
+    def with_machine(self, machine: MachineModel) -> "Place":
+        """Return the same place with another machine of the same shape in the guard's eyes.
+
+        Its scene shares every collision shape with this one.
+        """
+        scene = copy(self.scene)
+        scene.machine = machine
+        return replace(self, scene=scene)
 
 
 class SitePlaces:

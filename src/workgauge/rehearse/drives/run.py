@@ -35,7 +35,7 @@ class DriveResult:
     """What one guard made of one drive.
 
     Attributes:
-        seed, kind, guard: which drive and whose.
+        seed, kind, place, guard: which drive, where and whose.
         entries: number of limits entered, own links among them. entered: their ids.
         worst_clearance_m: smallest true clearance; at most what was in sight.
         worst_less_stop_m: smallest true clearance less the stop distance that applies.
@@ -49,6 +49,7 @@ class DriveResult:
 
     seed: int
     kind: str
+    place: str
     guard: str
     entries: int
     entered: tuple[str, ...]
@@ -123,7 +124,7 @@ class DriveRun:
         self._q, self._q_free = np.array(drive.q), np.array(drive.q)
         settings = drive.settings
         place = drive.place
-        self.watch = Watch(place.truth, place.T_site_machine, settings.stop_distance_m, drive.q)
+        self.watch = Watch(place.truth, place.T_site_machine, settings.stop_distance_m, drive.q, settings.near_m)
         self._motion = self._free_motion = self._rest_s = 0.0
         self._ticks = self._shut = 0
 
@@ -141,6 +142,7 @@ class DriveRun:
             self._move(memory.valves, free_valves if memory.gate.open else (0,) * config.machine.n)
             yield Step(k * settings.dt_s, self._q, trace)
         self._come_to_rest()
+        self.watch.finish()
 
     def result(self) -> DriveResult:
         """Return what came of it."""
@@ -148,6 +150,7 @@ class DriveRun:
         return DriveResult(
             seed=drive.seed,
             kind=drive.kind,
+            place=drive.place.words,
             guard=self._guard.name,
             entries=len(watch.entered),
             entered=tuple(sorted(watch.entered)),

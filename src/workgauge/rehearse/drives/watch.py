@@ -3,18 +3,20 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from workgauge.machine.model import MachineModel
 from workgauge.proximity.scene import Scene
 from workgauge.values.arrays import Floats
-from workgauge.values.limits import Limit
 
 #: What a clearance to the machine's own links counts as.
 OWN = "self"
 #: Within this of a limit, every tick is looked at [m].
 NEAR_M = 1.0
+#: It sees so much farther than where it looks at every tick, so as to know how long it need not look again [m].
+_BEYOND_M = 0.4
 #: A closer look between two ticks is worth it for a clearance smaller by more than this [m].
 _SAME_M = 1e-6
 
@@ -58,32 +60,42 @@ def reaches_m(machine: MachineModel) -> Floats:
     return reaches
 
 
+class _Tick(NamedTuple):
+    """A tick's way between two looks: postures within it, and lower bounds of what a look in between would find."""
+
+    between: tuple[Floats, ...]
+    nearest_m: float
+    less_stop_m: float
+
+
 class Watch:
     """Follows one drive's real machine.
 
-    No point of it moves farther than `reaches_m` says, so a clearance needs a look only where it could have become
-    smaller than `near_m` or than the smallest so far: within `near_m` at every tick, between ticks where that could
-    be a new smallest one, and farther out only as often as the way made demands.
-
-    Attributes:
-        worst_m: smallest clearance seen. worst_less_stop_m: smallest clearance less the stop distance that applies.
-        entered: ids of the limits entered, and `self:<link>`. looks: how often it looked.
+    No point of it moves farther than `reaches_m` says, so a look is needed only where a clearance could have become
+    smaller than `near_m` or than the smallest so far. Between the ends of a tick it looks last of all, and only where
+    something smaller than all the rest could be.
 
     Args:
         scene: a scene of its own, asked by nobody else. T_site_machine: true pose (4, 4).
         stop_distance_m: for limits without one of their own, and for the machine's own links.
         q: (n,) at the start. near_m: see above.
+
+    Attributes:
+        worst_m: smallest clearance seen. worst_less_stop_m: smallest clearance less the stop distance that applies.
+        entered: ids of the limits entered, and `self:<link>`. looks: how often it looked.
     """
 
     def __init__(
         self, scene: Scene, T_site_machine: Floats, stop_distance_m: float, q: Floats, near_m: float = NEAR_M
     ) -> None:
-        self._scene, self._T, self._stop_m, self._near_m = scene, T_site_machine, stop_distance_m, near_m
+        self._scene, self._T, self._stop_m = scene, T_site_machine, stop_distance_m
         self._largest_stop_m = max(scene.largest_stop_m, stop_distance_m)
         self._margin_m = near_m + self._largest_stop_m
+        self._radius_m = max(self._margin_m + _BEYOND_M, NEAR_M)
         self._reaches = reaches_m(scene.machine)
         self._kinds = [*(limit.kind.value for limit in scene.limits)]
         self._nearest: dict[tuple[str, str], Nearest] = {}
+        self._ticks: list[_Tick] = []
         self.entered: set[str] = set()
         self.worst_m, self.worst_less_stop_m = math.inf, math.inf
         self.looks = 0
@@ -94,21 +106,31 @@ class Watch:
         """Take in a tick's way: the postures (n,) at equal times within it, the last one its end."""
         steps = np.diff([self._q, *path], axis=0)
         ways = np.abs(steps) @ self._reaches
-        way, sag = float(ways.sum()), self._sag_m(steps, ways)
+        way = float(ways.sum())
+        before = self._clear_m[0] - self._way_m, self._clear_m[1] - self._way_m
         self._q = path[-1]
         self._way_m += way
-        if self._clear_m[0] - self._way_m >= self._margin_m:
+        nearest, less = before[0] - way, before[1] - way
+        far = nearest >= self._margin_m and nearest >= min(self.worst_m, NEAR_M)
+        if far and less >= min(self.worst_less_stop_m, NEAR_M - self._largest_stop_m):
             return
-        before = tuple(room - (self._way_m - way) for room in self._clear_m)
         self._clear_m, self._way_m = self._look(self._q), 0.0
-        # Between two looks a clearance is at least what is left if the way uses up both ends' room, and at least the
-        # smaller end less what an accelerated point sags below the straight line.
-        nearest, least = (
-            max(0.5 * (a + b - way), min(a, b) - sag) for a, b in zip(before, self._clear_m, strict=True)
-        )
-        if nearest < self.worst_m - _SAME_M or least < self.worst_less_stop_m - _SAME_M:
-            for q in path[:-1]:
-                self._look(q)
+        if way > 0.0 and len(path) > 1:
+            # In between a clearance is at least what is left if the way uses up both ends' room, and at least the
+            # smaller end less what an accelerated point sags below the straight line.
+            sag = self._sag_m(steps, ways)
+            ends = zip(before, self._clear_m, strict=True)
+            bounds = [max(0.5 * (a + b - way), min(a, b) - sag) for a, b in ends]
+            self._ticks.append(_Tick(tuple(path[:-1]), *bounds))
+
+    def finish(self) -> None:
+        """Look between the ends of those ticks where something smaller could be found than so far."""
+        ticks, self._ticks = self._ticks, []
+        for one in sorted(ticks, key=lambda one: (one.less_stop_m, one.nearest_m)):
+            new = one.nearest_m < self.worst_m - _SAME_M
+            if new or one.less_stop_m < self.worst_less_stop_m - _SAME_M:
+                for q in one.between:
+                    self._look(q)
 
     def _sag_m(self, steps: Floats, ways: Floats) -> float:
         """Return a bound of acceleration times time squared over eight, for steps (s, n) at equal times."""
@@ -123,7 +145,7 @@ class Watch:
     def _look(self, q: Floats) -> tuple[float, float]:
         """Look at a posture; return lower bounds of all clearances and of all clearances less their stop distance."""
         self.looks += 1
-        radius = 2.0 * self._margin_m
+        radius = self._radius_m
         found = self._scene.query(self._scene.machine.forward(q), self._T, radius)
         if not len(found):
             return radius, radius - self._largest_stop_m
@@ -150,8 +172,3 @@ class Watch:
                 self.entered.add(found.limit_ids[limit])
         nearest, least = float(found.distances.min()), float(left.min())
         return min(nearest, radius), min(least, radius - self._largest_stop_m)
-
-
-def kinds_of(limits: Sequence[Limit]) -> tuple[str, ...]:
-    """Return the kinds there are among limits, in a fixed order, the machine's own links last."""
-    return (*sorted({limit.kind.value for limit in limits}), OWN)
