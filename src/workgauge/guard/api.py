@@ -13,7 +13,7 @@ from workgauge.values.clearances import Clearances
 from workgauge.values.ranges import LeverRanges
 from workgauge.values.reasons import Reason, ReasonCode
 
-#: What a guard remembers from tick to tick: numbers and arrays, never written to. Arrays go through JSON as lists, and
+#: What a guard remembers from tick to tick: numbers and arrays, never written to. Through JSON arrays go as lists, and
 #: a guard takes lists for arrays.
 Memory: TypeAlias = Mapping[str, Any]
 

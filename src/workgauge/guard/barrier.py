@@ -1,162 +1,195 @@
-"""The barrier guard: as fast as still stops in time, verified by rolling the stop out before a command leaves."""
+"""The barrier guard: as fast as still stops in time, each stop rolled out and verified before its command leaves."""
+
+import functools
 from dataclasses import dataclass
-import math
+
 import numpy as np
-from workgauge.guard.api import *
-from workgauge.guard.cushion import cushioned
+
+from workgauge.guard.api import GuardInput, GuardResult, Memory, full_stop, unusable
 from workgauge.guard.joints import one_group, within_speed
+from workgauge.guard.plan import MINUS, PLUS, WISH, Plan, flown
+from workgauge.guard.programme import share
+from workgauge.guard.ranges import lever_ranges
+from workgauge.guard.why import cushioned_by, held_back
+from workgauge.machine.model import MachineModel
 from workgauge.machine.rollout import Rollout
-import daqp
+from workgauge.machine.stopping import StoppingModel
+from workgauge.proximity.stops import Stop
+from workgauge.proximity.surroundings import Surroundings
+from workgauge.values.arrays import Floats, freeze
+from workgauge.values.errors import InputError
+from workgauge.values.reasons import Reason
 
-@dataclass
-class Barrier:
-    rollout: Rollout
-    stop: float = 0.2
-    margin: float = 0.005
-    ease_s: float = 0.1
-    spacing: float = 0.3
-    most: int = 12
-    far: float = 3.0
-    levers: np.ndarray = None   # (n,) max lever arm bound per joint [m]
-    stats: dict = None
-    corners: object = None
-    between: bool = True
-    band: float = 0.5
-    ends: bool = True
+#: A verified stop may fall short by this much: below the rounding of the bounds [m].
+SHORT_M = 1e-7
+#: What is asked anew when a command does not verify: so much of it, then so much of that, then nothing.
+TRIALS = (0.5, 0.5)
 
-    def start(self):
-        return {'v': self.rollout.rest(), 'sent': np.zeros((self.rollout.memory, self.rollout.n)), 'group': -1}
 
-    def allow(self, given, memory):
-        r = self.rollout
-        sent = np.vstack([memory['sent'][1:], given.sent])
-        v = r.advanced(memory['v'], sent)
-        names = given.joint_names
-        vel, reasons = within_speed(given.desired.tolist(), given.speed_positive.tolist(), given.speed_negative.tolist(), names)
-        want = np.array(vel)
-        low, high = r.displacements(v, sent, np.stack([np.zeros(r.n), want]))
-        if self.ends:
-            a, b = given.q_min - given.q, given.q_max - given.q
-            low, high = np.clip(low, np.minimum(a,0), np.maximum(b,0)), np.clip(high, np.minimum(a,0), np.maximum(b,0))
-        # cushion at predicted rest
-        rest = given.q + np.where(np.abs(low[0,-1])>np.abs(high[0,-1]), low[0,-1], high[0,-1])
-        vel, ends = cushioned(want.tolist(), rest.tolist(), (given.q_min.tolist(), given.q_max.tolist()), (given.speed_positive.tolist(), given.speed_negative.tolist()), names, dt_s=given.dt_s, cushion_s=0.3, keep_direction=given.keep_direction)
-        vel = np.array(vel)
-        if (vel != want).any():
-            want = vel
-            low, high = r.displacements(v, sent, np.stack([np.zeros(r.n), want]))
-            if self.ends: low, high = np.clip(low, np.minimum(a,0), np.maximum(b,0)), np.clip(high, np.minimum(a,0), np.maximum(b,0))
-        mem = {'v': v, 'sent': sent, 'group': -1}
-        if not want.any():
-            return want, mem, None
-        rows, slack, covered, nq, samples = self.constraints(given, want, low, high)
-        self.stats['queries'] = self.stats.get('queries', 0) + nq
-        self.stats['ticks'] = self.stats.get('ticks', 0) + 1
-        s = self.programme(rows, slack, given.keep_direction, r.n)
-        if not covered:
-            self.stats['uncovered'] = self.stats.get('uncovered', 0) + 1
-            s = np.zeros(r.n)
-        f0 = None
-        if s.min() < 1.0 and s.any():
-            f0 = self.least(given, np.zeros(r.n), v, sent, samples)
-            for attempt in range(4):
-                self.stats['verify'] = self.stats.get('verify', 0) + 1
-                f = self.least(given, want * s, v, sent, samples)
-                self.stats['queries'] += len(samples)
-                if f >= min(0.0, f0) - 1e-7:
-                    break
-                self.stats['refused'] = self.stats.get('refused', 0) + 1
-                s = s * 0.5 if attempt < 2 else s * 0.0
-        return want * s, mem, (rows, slack)
+@dataclass(frozen=True, slots=True)
+class BarrierGuard:
+    """Stops in time on late and sluggish joints, lets go at once, and never moves a joint that is not asked to move.
 
-    def least(self, given, command, v, sent, samples):
-        low, high = self.rollout.displacements(v, sent, command[None])
-        low, high = self.clip(given, low[0]), self.clip(given, high[0])
-        worst = np.where(np.abs(low) > np.abs(high), low, high)
-        least = 9.0
-        for m in samples:
-            c, rows = given.look(given.q + worst[m], 1.0)
-            if not len(c): continue
-            own = c.stop_distances
-            d = c.distances - c.protections - np.where(np.isnan(own), self.stop, own) - self.margin
-            pos, neg = np.maximum(rows, 0), np.minimum(rows, 0)
-            least = min(least, float((d + pos @ (low[m] - worst[m]) + neg @ (high[m] - worst[m])).min()))
-        return least
+    Each tick, the commands in flight are rolled out through the machine's stopping model at the corners of its
+    tolerance, followed by nothing: that is the stop in hand. Along it, every clearance's slack is what is left above
+    stop distance and protection level; see `proximity.sweep`. What the command of this one tick adds to the stop is
+    linear to the millimetre: each joint gets the share of its wish, 0 to 1, nearest to 1 in the sum of squares, such
+    that no slack shrinks by more than the share `dt / ease_s` of itself, and none below zero shrinks at all. Then the
+    chosen command is rolled out in turn and every slack computed anew; if one falls short of zero (or of what it had,
+    below zero), half of the command is tried, a quarter, then the stop in hand.
 
-    def clip(self, given, d):
-        return np.clip(d, np.minimum(given.q_min - given.q, 0), np.maximum(given.q_max - given.q, 0)) if self.ends else d
+    Attributes:
+        stop_distance_m: kept to limits that name none of their own.
+        ease_s: time constant of the approach: the speed at which slack is used up is at most slack / ease_s.
+        margin_m: kept besides, for what is computed to the millimetre only: way between the moments looked at.
+        cushion_s: time constant of the end cushion.
+        spacing_m: no corner moves farther between two postures looked at.
+    """
 
-    def constraints(self, given, want, low, high):
-        """rows (K, n) in share of want, slack (K)."""
-        lo0, lo1, hi0, hi1 = low[0], low[1], high[0], high[1]
-        dlo, dhi = lo1 - lo0, hi1 - hi0
-        worst = np.where(np.abs(lo1) > np.abs(hi1), lo1, hi1)   # (M,n)
-        m_first = int(np.argmax((np.abs(dlo) + np.abs(dhi)).sum(1) > 1e-12))
-        travel = np.abs(np.diff(worst, axis=0)) @ self.levers
-        travel = np.concatenate([[np.abs(worst[0]) @ self.levers], travel]).cumsum()
-        end = travel[-1]
-        m, rows_all, slack_all, n_q, seen = m_first, [], [], 0, []
-        M = len(worst)
-        previous = m_first
-        while True:
-            n_q += 1; seen.append(m)
-            q = given.q + worst[m]
-            radius = min(end - travel[m] + self.stop + 0.6, self.far)
-            c, rows = given.look(q, radius)
-            free = radius
-            nxt = m
-            if len(c):
-                own = c.stop_distances
-                stops = np.where(np.isnan(own), self.stop, own)
-                d = c.distances - c.protections - stops - self.margin
-                free = float(d.min())
-            nxt = min(max(int(np.searchsorted(travel, travel[m] + max(self.spacing, free), side='right')) - 1, m + 1), M - 1)
-            if len(c):
-                if self.corners is not None:
-                    h, hr, which = self.corners(q, c, d < self.band)
-                    d = np.concatenate([d, h - c.protections[which] - stops[which] - self.margin])
-                    rows = np.vstack([rows, hr])
-                pos, neg = np.maximum(rows, 0), np.minimum(rows, 0)
-                last = M if m == M - 1 else min(nxt, m + 6)
-                for k in (range(previous + 1, last) if self.between else (m,)):
-                    slack = d + pos @ (lo0[k] - worst[m]) + neg @ (hi0[k] - worst[m])
-                    A = pos * dlo[k] + neg * dhi[k]
-                    need = np.minimum(A, 0).sum(1) + self.use * np.maximum(slack, 0) < 0
-                    if need.any():
-                        rows_all.append(A[need]); slack_all.append(slack[need])
-            if m == M - 1:
-                covered = True; break
-            if n_q >= self.most:
-                covered = False; break
-            previous, m = m, nxt
-        if rows_all:
-            return np.vstack(rows_all), np.concatenate(slack_all), covered, n_q, seen
-        return np.zeros((0, len(want))), np.zeros(0), covered, n_q, seen
+    stop_distance_m: float = 0.2
+    ease_s: float = 0.15
+    margin_m: float = 0.005
+    cushion_s: float = 0.3
+    spacing_m: float = 0.15
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("stop_distance_m", 0.0, 10.0),
+            ("ease_s", 0.01, 10.0),
+            ("margin_m", 0.0, 1.0),
+            ("cushion_s", 0.01, 10.0),
+            ("spacing_m", 0.01, 1.0),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise InputError(
+                    "guard parameter out of range", element=name, value=value, allowed=f"{low:g} to {high:g}"
+                )
 
     @property
-    def use(self):
-        return min(1.0, self.rollout.dt_s / self.ease_s)
+    def name(self) -> str:
+        """Name it is registered under."""
+        return "barrier"
 
-    def programme(self, A, slack, keep, n):
-        if not len(A):
-            return np.ones(n)
-        b = -self.use * np.maximum(slack, 0)
-        if keep:
-            t = A.sum(1)
-            bad = t < 0
-            s = float(np.min(b[bad] / t[bad], initial=1.0))
-            return np.full(n, max(min(s, 1.0), 0.0))
-        if (A.sum(1) >= b).all():
-            return np.ones(n)
-        self.stats['qp'] = self.stats.get('qp', 0) + 1
-        scale = 1.0 / np.maximum(np.abs(A).max(axis=1), 1e-12)
-        A_, b_ = A * scale[:, None], b * scale
-        x, f, flag, info = daqp.solve(np.eye(n), -np.ones(n), np.ascontiguousarray(A_), np.concatenate([np.ones(n), np.full(len(b_), 1e30)]), np.concatenate([np.zeros(n), b_]))
-        if flag != 1:
-            self.stats['fail'] = self.stats.get('fail', 0) + 1
-            return np.zeros(n)
-        x = np.clip(x, 0, 1)
-        if (A_ @ x < b_ - 1e-6).any():
-            self.stats['unchecked'] = self.stats.get('unchecked', 0) + 1
-            return np.zeros(n)
-        return x
+    @property
+    def reach_m(self) -> float:
+        """Clearances up to here must be known to it [m]; it looks farther by itself where a stop is longer."""
+        return self.stop_distance_m
+
+    def start(self) -> Memory:
+        """Return the memory of a guard that has done nothing yet: a machine at rest, nothing in flight."""
+        return {}
+
+    def idle(
+        self, sent: Floats | None, machine: MachineModel, dt_s: float, elapsed_s: float, memory: Memory
+    ) -> Memory:
+        """Return the memory after a tick in which nobody asked; what is in flight goes on flying."""
+        speeds, flying = flown(rollout_of(machine, dt_s), sent, elapsed_s, memory)
+        return {"group": -1, "speeds": speeds, "flying": flying}
+
+    def allow(self, given: GuardInput, memory: Memory) -> tuple[GuardResult, Memory]:
+        """Return the velocity that may be driven, why, what each lever may still do, and what to remember.
+
+        Numbers nobody can judge (NaN, infinite, wrong shapes) and an unknown neighbourhood stop every joint.
+        """
+        around = given.around
+        wrong = "the guard cannot see what stands around" if around is None else unusable(given)
+        if around is None or wrong is not None:
+            return full_stop(len(given.joint_names), wrong or ""), self.start()
+        machine = around.machine
+        rollout = rollout_of(machine, given.dt_s)
+        speeds, flying = flown(rollout, given.sent, given.elapsed_s or given.dt_s, memory)
+        wish, group, reasons = _wish(given, memory)
+        plan = Plan(rollout, given, speeds, flying, wish)
+        alpha = min(given.dt_s / self.ease_s, 1.0)
+        stop = self._stop(around, given, plan, alpha)
+        rows = stop.rows(plan.most / alpha)
+        changes = plan.changes(rows, WISH)
+        ends = plan.ends(min(given.dt_s / self.cushion_s, 1.0))
+        flow_rows, flow_most = _flow(machine, wish)
+        solved = share(
+            changes,
+            rows.slack,
+            alpha,
+            keep_direction=given.keep_direction,
+            flow_rows=flow_rows,
+            flow_most=flow_most,
+            ends=ends[WISH],
+        )
+        kept = self._verified(plan, stop, solved.s * wish)
+        allowed = wish * solved.s * kept
+        freeze(allowed)
+        shares = np.where(wish == 0.0, 1.0, solved.s * kept)
+        reasons += cushioned_by(ends[WISH], wish, given.joint_names)
+        reasons += held_back(stop.clearances, rows, solved, kept, self.stop_distance_m, _scale(shares, wish))
+        ranges = None
+        if given.tool_rates is not None:
+            ranges = lever_ranges(
+                *(plan.changes(rows, PLUS), plan.changes(rows, MINUS), rows.slack, alpha),
+                *(given.speed_positive, given.speed_negative, given.tool_rates),
+                ends_positive=ends[PLUS],
+                ends_negative=ends[MINUS],
+                clearance_of=rows.clearances,
+            )
+        result = GuardResult(allowed, tuple(reasons), _scale(shares, wish), ranges)
+        return result, {"group": group, "speeds": speeds, "flying": flying}
+
+    def _stop(self, around: Surroundings, given: GuardInput, plan: Plan, alpha: float) -> Stop:
+        """Return the stop in hand: everything that has little slack on the way to rest from what is in flight."""
+        levers = around.scene.arm.levers.max(axis=0, initial=0.0)
+        way = plan.way(self.spacing_m, levers)
+        band = float(plan.most @ levers) / alpha + self.margin_m
+        clearances, farther = given.clearances, 0.0
+        while True:
+            stop = Stop(
+                *(around, clearances, given.q, way),
+                stop_distance_m=self.stop_distance_m,
+                margin_m=self.margin_m,
+                band_m=band,
+            )
+            if stop.reach_m <= max(clearances.searched_m, farther):
+                return stop
+            farther = stop.reach_m
+            kin, when = around.machine.forward(given.q), (around.now_ns, around.off_states, around.let_off)
+            clearances = around.scene.query(kin, around.T_site_machine, farther, *when)
+
+    def _verified(self, plan: Plan, stop: Stop, command: Floats) -> float:
+        """Return what of a command is verified: all, half, a quarter, or none of it."""
+        kept = 1.0
+        for again in (*TRIALS, 0.0):
+            if not command.any() or stop.shortfall(plan.way_after(command * kept)) <= SHORT_M:
+                return kept
+            kept *= again
+        return 0.0
+
+
+@functools.lru_cache(maxsize=16)
+def rollout_of(machine: MachineModel, dt_s: float) -> Rollout:
+    """Return a machine's stopping model, ready for a tick's period."""
+    return Rollout(StoppingModel.of(machine), dt_s, machine.speed_positive, machine.speed_negative)
+
+
+def _wish(given: GuardInput, memory: Memory) -> tuple[Floats, int, list[Reason]]:
+    """Return what the joints' speeds and groups leave of the desired velocity, the moving group, and why."""
+    names = given.joint_names
+    positive, negative = given.speed_positive.tolist(), given.speed_negative.tolist()
+    velocity, reasons = within_speed(given.desired.tolist(), positive, negative, names)
+    previous = int(memory.get("group", -1))
+    velocity, group, held = one_group(velocity, positive, negative, given.exclusive_groups, names, previous)
+    return np.array(velocity), group, reasons + held
+
+
+def _flow(machine: MachineModel, wish: Floats) -> tuple[Floats | None, Floats | None]:
+    """Return the row (1, n) of what a wish takes of the pump's flow, and what it gives (1,), as shares of that."""
+    pump = machine.pump
+    if pump is None:
+        return None, None
+    shares = np.where(wish > 0.0, wish / machine.speed_positive, -wish / machine.speed_negative)
+    flows = np.where(wish > 0.0, pump.flow_positive, pump.flow_negative)
+    return (shares * flows / pump.flow)[None], np.ones(1)
+
+
+def _scale(shares: Floats, wish: Floats) -> float:
+    """Return what shares leave of a wish: along it, 0 to 1."""
+    whole = float(wish @ wish)
+    return min(float((shares * wish) @ wish) / whole, 1.0) if whole > 0.0 else 1.0

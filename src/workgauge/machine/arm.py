@@ -36,6 +36,7 @@ class Arm:
         stretch: (S, 3) joint that lengthens the box (-1: none), the box's axis, and the side that moves.
         levers: (S, n) no point of the box is farther from a turning joint's axis [m]; 1 or 2 for sliding joints, 0
             for joints that do not move it.
+        reach_m: no point is farther from the machine frame's origin, nor from a turning joint's axis [m].
     """
 
     def __init__(self, machine: MachineModel) -> None:
@@ -50,7 +51,7 @@ class Arm:
         self.links: Ints = frozen_ints([solid.link for solid in machine.solids])
         self.prismatic: Ints = frozen_ints(machine.prismatic.astype(np.int64))
         self.stretch: Ints = frozen_ints([solid.stretch or (-1, 0, 0) for solid in machine.solids])
-        self.levers: Floats = self._bounds(machine)
+        self.levers, self.reach_m = self._bounds(machine)
 
     def at(self, T_frame_machine: Floats, postures: Floats) -> ArmAt:
         """Return the arm at postures (P, n) of a machine at T_frame_machine (4, 4)."""
@@ -69,10 +70,10 @@ class Arm:
         )
         return out
 
-    def _bounds(self, machine: MachineModel) -> Floats:
-        """Return the levers: lengths of the links in between and of the box, all in one line."""
+    def _bounds(self, machine: MachineModel) -> tuple[Floats, float]:
+        """Return the levers and the reach: lengths of the links in between and of the box, all in one line."""
         travel = np.maximum(np.abs(machine.q_min), np.abs(machine.q_max))
-        levers = np.zeros((len(machine.solids), machine.n))
+        levers, farthest = np.zeros((len(machine.solids), machine.n)), 0.0
         for s, solid in enumerate(machine.solids):
             grown = travel[solid.stretch.joint] if solid.stretch else 0.0
             reach = float(np.linalg.norm(self._boxes[s, :3, 3]) + np.linalg.norm(solid.half_extents) + grown)
@@ -82,8 +83,9 @@ class Arm:
                 reach += float(np.linalg.norm(self._steps[j, :3, 3]) + (travel[j] if machine.prismatic[j] else 0.0))
             if solid.stretch is not None and solid.stretch.joint >= solid.link:
                 levers[s, solid.stretch.joint] = 1.0
+            farthest = max(farthest, reach)
         freeze(levers)
-        return levers
+        return levers, farthest
 
 
 @njit(cache=True)

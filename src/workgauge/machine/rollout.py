@@ -269,6 +269,7 @@ class Rollout:
 
     Attributes:
         marks: (M,) the moments looked at, in ticks from now; the last stands for rest.
+        rest_ticks: until all but a thousandth of any speed is gone.
         memory: commands this many ticks old may still act.
     """
 
@@ -289,6 +290,7 @@ class Rollout:
         self._rate = np.minimum(np.stack([one.deceleration.T for one in corners]), INSTANT)
         self.memory = math.ceil(float(self._delay.max(initial=0.0))) + 2
         self.marks = _marks(model, dt_s, np.stack([speed_positive, speed_negative]), dense_s).astype(np.float64)
+        self.rest_ticks = float(self.marks[-1])
         self.marks[-1] = FOR_EVER / dt_s
         self.variants, self.n = len(corners), model.n
 

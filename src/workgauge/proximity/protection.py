@@ -6,6 +6,7 @@ joints, g what each of them does to the distance; k from a stated integrity risk
 
 import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
 
@@ -132,6 +133,12 @@ def _body(kin: Kinematics, machine: MachineModel, unsure: MachineUncertainty) ->
     squares = np.square(kin.spatial_jacobian[:3]).sum(axis=0).tolist()
     sliding = machine.prismatic.tolist()
     arms = [2.0 if slides else math.sqrt(v) + reach for v, slides in zip(squares, sliding, strict=True)]
+    turns, own_turn, slide = link_turns(unsure, sliding)
+    return _Body(kin, machine, unsure, poses, halves, reach, arms, turns, own_turn, slide)
+
+
+def link_turns(unsure: MachineUncertainty, sliding: Sequence[bool]) -> tuple[Floats, float, float]:
+    """Return sigma of all that turns each link (n + 1,), of all joints together [rad], of all sliding joints [m]."""
     variances = unsure.covariance.diagonal().tolist()
     pose = variances[3] + variances[4] + variances[5]
     turning, slide, turns, root = 0.0, 0.0, [math.sqrt(pose)], math.sqrt(pose)
@@ -141,8 +148,7 @@ def _body(kin: Kinematics, machine: MachineModel, unsure: MachineUncertainty) ->
         else:
             turning += math.sqrt(variance) if unsure.correlated else variance
         turns.append(root + turning if unsure.correlated else math.sqrt(pose + turning))
-    own_turn = turning if unsure.correlated else math.sqrt(turning)
-    return _Body(kin, machine, unsure, poses, halves, reach, arms, np.array(turns), own_turn, slide)
+    return np.array(turns), turning if unsure.correlated else math.sqrt(turning), slide
 
 
 def _largest(body: _Body, T_site_machine: Floats, limits: LimitUncertainty, k: float) -> float:
@@ -160,7 +166,7 @@ def _largest(body: _Body, T_site_machine: Floats, limits: LimitUncertainty, k: f
         shifts = np.sqrt(np.vecdot(own[:, :3], own[:, :3])) + far * own_turns
         variance += float((shifts * shifts).max())
         turn, arm = turn + float(own_turns.max()), arm + float(far.max())
-    return k * math.sqrt(variance) + float(_second_order(k, np.array([turn]), arm, body.slide)[0])
+    return k * math.sqrt(variance) + float(second_order(k, np.array([turn]), arm, body.slide)[0])
 
 
 def _levels(
@@ -203,7 +209,7 @@ def _levels(
     offsets = _corners(body, T_site_machine).take(clearances.solids, axis=0)
     offsets -= clearances.points_machine[:, None]
     levels = _worst_corner(k, offsets, normals, variances, slopes, curves)
-    levels += _second_order(k, turns, arm, body.slide)
+    levels += second_order(k, turns, arm, body.slide)
     return levels
 
 
@@ -226,7 +232,7 @@ def _worst_corner(
     return found
 
 
-def _second_order(k: float, turns: Floats, arm: float | Floats, slide: float) -> Floats:
+def second_order(k: float, turns: Floats, arm: float | Floats, slide: float) -> Floats:
     """Return what turning by k sigma adds beyond first order (c,) [m], infinite where that is no small angle."""
     angles = k * turns
     found: Floats = 0.5 * angles * (angles * arm + 2.0 * k * slide)

@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from workgauge.machine.arm import Arm
 from workgauge.machine.model import Kinematics, MachineModel
 from workgauge.proximity.cells import OrientedBoxes, cut
 from workgauge.proximity.chain import penetrate
+from workgauge.proximity.hulls import Hulls
 from workgauge.proximity.overlap import box_polyhedron, signed_distance
 from workgauge.proximity.pairs import box_gaps, oriented_gaps
 from workgauge.proximity.shapes import (
@@ -53,6 +55,10 @@ class Scene:
 
     Attributes:
         uncertainty: what is not sure about the limits. largest_stop_m: largest stop distance of a limit's own [m].
+        arm: the machine's, packed. hulls: the limits' cells, packed.
+        cell_ranges: (limits + 1,), limit i has the cells from [i] to [i + 1]. cell_boxes: lows and highs (cells, 3).
+        surfaces: index of a limit to the number of its surface. moving: limits with a velocity.
+        pairs: (p, 2) solids of different links to be kept apart, first the one that moves.
     """
 
     def __init__(self, machine: MachineModel, limits: Sequence[Limit]) -> None:
@@ -82,9 +88,21 @@ class Scene:
         self.largest_stop_m = max((limit.stop_distance_m or 0.0 for limit in self.limits), default=0.0)
         stops = (math.nan if limit.stop_distance_m is None else limit.stop_distance_m for limit in self.limits)
         self._stop_distances = frozen([*stops, *(math.nan for _ in machine.link_names)])
+        self.cell_ranges = frozen_ints(np.searchsorted(self._cells.limits, np.arange(len(self.limits) + 1)))
+        self.cell_boxes = self._cells.lows, self._cells.highs
+        self.surfaces = {i: number for number, (i, _) in enumerate(self._surfaces)}
+        ground = [surface for _, surface in self._surfaces]
+        self.hulls = Hulls(self._shapes, np.array(self._radii), self._cells.limits, ground)
+        self.arm = Arm(machine)
+        self.moving = tuple(i for i, limit in enumerate(self.limits) if limit.velocity.any())
         # of two links, the one farther out is the one that moves, the other its limit
         pairs = [(j, i) if self._links[j] > self._links[i] else (i, j) for i, j in machine.self_pairs]
         self._pairs = tuple(pairs)
+        self.pairs = frozen_ints(np.reshape(pairs, (-1, 2)))
+
+    def triangles_near(self, surface: int, low: Floats, high: Floats) -> Ints:
+        """Return the triangles of a surface whose boxes meet the box from low to high (3,), see `SurfaceIndex`."""
+        return self._surfaces[surface][1].triangles_near(low, high)
 
     def query(
         self,

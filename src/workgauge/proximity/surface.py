@@ -59,6 +59,26 @@ class SurfaceIndex:
         self._tree.query(shapely.box(0.0, 0.0, 0.0, 0.0))  # built on first use: not in the first tick
         self._planes, self._plan_areas = _planes(corners)
 
+    @property
+    def count(self) -> int:
+        """Number of triangles."""
+        return len(self._corners)
+
+    def triangle(self, triangle: int) -> tuple[Floats, Floats, Floats]:
+        """Return a triangle's corners (3, 3), its normal and up or down, towards the allowed side."""
+        return self._corners[triangle] * self._flip, self._planes[triangle] * self._flip, UP * self._flip
+
+    def triangles_near(self, low: Floats, high: Floats) -> Ints:
+        """Return the triangles, ascending, whose boxes meet the box from low to high (3,), or lie under (over) it."""
+        if self._flip[2] < 0.0:
+            low, high = np.array([low[0], low[1], -high[2]]), np.array([high[0], high[1], -low[2]])
+        if low[2] > self._top or (low[:2] > self._bounds[1]).any() or (high[:2] < self._bounds[0]).any():
+            return np.empty(0, np.int64)
+        found: Ints = self._tree.query(shapely.box(low[0], low[1], high[0], high[1]))
+        found = found[self._high[found, 2] >= low[2]]
+        found.sort()
+        return found
+
     def clearance(
         self, box: Placed, R: Floats, centre: Floats, half: Floats, within: float, result: Any
     ) -> SurfaceClearance | None:

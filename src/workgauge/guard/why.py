@@ -1,0 +1,92 @@
+"""Why the barrier guard leaves less than was wanted, in words an operator understands."""
+
+import numpy as np
+
+from workgauge.guard.programme import Solved
+from workgauge.proximity.stops import Rows
+from workgauge.values.arrays import Floats
+from workgauge.values.clearances import Clearances
+from workgauge.values.reasons import Reason, ReasonCode
+
+#: At most this many reasons, the gravest first.
+MAX_REASONS = 8
+#: A slack below this is none [m].
+USED_UP_M = 0.002
+#: Shares above this are whole.
+WHOLE = 1.0 - 1e-6
+#: A reason's text is silent about protection levels below this [m].
+WORTH_SAYING_M = 0.005
+
+
+def cushioned_by(ends: Floats, wish: Floats, names: tuple[str, ...]) -> list[Reason]:
+    """Return one reason for each joint that its end slows.
+
+    Args:
+        ends: (n,) share of its wish that each joint's end leaves. wish: (n,) wanted velocities. names: (n).
+    """
+    reasons = []
+    for j in np.flatnonzero((ends < WHOLE) & (wish != 0.0)).tolist():
+        end, share = "upper" if wish[j] > 0.0 else "lower", float(ends[j])
+        text = f"{names[j]} is {'at' if share == 0.0 else 'near'} its {end} end"
+        reasons.append(Reason(ReasonCode.JOINT_END, text, joint=names[j], scale=share))
+    return reasons
+
+
+def held_back(
+    clearances: Clearances, rows: Rows, solved: Solved, kept: float, stop_distance_m: float, scale: float
+) -> list[Reason]:
+    """Return one reason per link and limit that holds the motion back, the gravest first.
+
+    Args:
+        clearances: of the present. rows: what had little slack on the way to rest. solved: the shares left, and which
+            rows hold them back. kept: what of them was verified. scale: what is left of the wish.
+    """
+    if not solved.ok:
+        return [Reason(ReasonCode.INVALID_VALUE, f"stopped: {solved.why}", scale=0.0)]
+    active = [row for row in solved.active if row < len(rows.slack)]
+    flow = [] if len(active) == len(solved.active) else [_pump(scale)]
+    if kept < 1.0 and not active and len(rows.slack):
+        active = [int(np.argmin(rows.slack))]
+    reasons: list[Reason] = []
+    said = set()
+    for row in sorted(active, key=lambda one: float(rows.slack[one])):
+        k = int(rows.clearances[row])
+        pair = int(clearances.links[k]), int(clearances.limits[k])
+        if pair in said or len(reasons) == MAX_REASONS:
+            continue
+        said.add(pair)
+        reasons.append(_near(clearances, k, float(rows.slack[row]), stop_distance_m, scale))
+    return reasons + flow
+
+
+def _near(clearances: Clearances, k: int, slack: float, stop_distance_m: float, scale: float) -> Reason:
+    one = clearances[k]
+    stop = stop_distance_m if np.isnan(one.stop_distance_m) else one.stop_distance_m
+    doubt = ""
+    if one.protection_m >= WORTH_SAYING_M:
+        doubt = f" ({one.protection_m:.2f} m of it unsure, stops at {stop:.2f} m)"
+    if one.distance_m < 0.0:
+        code = ReasonCode.INSIDE_LIMIT
+        text = f"{-one.distance_m:.2f} m inside {one.limit}, only what leads out is free"
+    elif slack <= USED_UP_M:
+        code, text = ReasonCode.LIMIT_REACHED, f"{one.distance_m:.2f} m from {one.limit}{doubt}, no nearer"
+    else:
+        code = ReasonCode.LIMIT_NEAR
+        text = (
+            f"{one.distance_m:.2f} m from {one.limit}{doubt}, a stop would end {slack:.2f} m before it must, "
+            f"slowed to {100 * scale:.0f} %"
+        )
+    return Reason(
+        code,
+        f"{one.link} is {text}",
+        link=one.link,
+        limit=one.limit,
+        clearance_m=one.distance_m,
+        scale=scale,
+        protection_m=one.protection_m,
+        stop_distance_m=stop,
+    )
+
+
+def _pump(scale: float) -> Reason:
+    return Reason(ReasonCode.PUMP_FLOW, "the pump gives no more for all joints together", scale=scale)

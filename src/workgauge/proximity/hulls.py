@@ -1,0 +1,83 @@
+"""Corners of a scene's convex cells and ground triangles, packed for compiled code. Packed when first near.
+
+A triangle of a one-sided surface stands for the ground under it (the sky over it, for a ceiling): the prism down (up)
+from it. Where the surface is a height over the plan, distances from above are those to the triangle.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from workgauge.proximity.store import CellShapes
+from workgauge.proximity.surface import SurfaceIndex
+from workgauge.values.arrays import Floats, Ints
+
+#: How far the prism under a triangle reaches [m].
+DEPTH_M = 20.0
+_FIRST = 256
+
+
+class Hulls:
+    """Corners and face normals of hulls by number; a hull is added when its cell or triangle is asked for.
+
+    Attributes:
+        corners: (v, 3), of hull h those from starts[h] to starts[h + 1]. normals: (f, 3), likewise by faces[h].
+        radii: (h) by which a hull is thicker than its corners [m].
+    """
+
+    def __init__(self, shapes: CellShapes, radii: Floats, limits: Ints, surfaces: Sequence[SurfaceIndex]) -> None:
+        self._shapes = shapes
+        self._cell_radii = radii.take(limits) if len(limits) else np.empty(0)
+        self._surfaces = surfaces
+        self._of_cell = np.full(len(limits), -1)
+        self._of_triangle = [np.full(one.count, -1) for one in surfaces]
+        self.corners, self.normals = np.empty((8 * _FIRST, 3)), np.empty((8 * _FIRST, 3))
+        self.starts, self.faces = np.zeros(_FIRST + 1, np.int64), np.zeros(_FIRST + 1, np.int64)
+        self.radii = np.zeros(_FIRST)
+        self._count = 0
+
+    def of_cells(self, cells: Ints) -> Ints:
+        """Return the hulls of cells, by their numbers among all cells of the scene."""
+        found: Ints = self._of_cell.take(cells)
+        for i in np.flatnonzero(found < 0).tolist():
+            cell = int(cells[i])
+            if self._of_cell[cell] < 0:
+                solid = self._shapes.polyhedron(cell)
+                self._of_cell[cell] = self._add(solid.vertices, solid.normals, float(self._cell_radii[cell]))
+            found[i] = self._of_cell[cell]
+        return found
+
+    def of_triangles(self, surface: int, triangles: Ints) -> Ints:
+        """Return the hulls of triangles of one of the scene's surfaces."""
+        known = self._of_triangle[surface]
+        found: Ints = known.take(triangles)
+        for i in np.flatnonzero(found < 0).tolist():
+            triangle = int(triangles[i])
+            if known[triangle] < 0:
+                corners, normal, away = self._surfaces[surface].triangle(triangle)
+                prism = np.concatenate([corners, corners - DEPTH_M * away])
+                known[triangle] = self._add(prism, np.stack([normal, away]), 0.0)
+            found[i] = known[triangle]
+        return found
+
+    def _add(self, corners: Floats, normals: Floats, radius: float) -> int:
+        hull = self._count
+        if hull + 2 > len(self.starts):
+            self.starts, self.faces = _twice(self.starts), _twice(self.faces)
+            self.radii = _twice(self.radii)
+        begin, first = int(self.starts[hull]), int(self.faces[hull])
+        while begin + len(corners) > len(self.corners):
+            self.corners = _twice(self.corners)
+        while first + len(normals) > len(self.normals):
+            self.normals = _twice(self.normals)
+        self.corners[begin : begin + len(corners)] = corners
+        self.normals[first : first + len(normals)] = normals
+        self.starts[hull + 1], self.faces[hull + 1] = begin + len(corners), first + len(normals)
+        self.radii[hull] = radius
+        self._count = hull + 1
+        return hull
+
+
+def _twice(array: np.ndarray) -> np.ndarray:
+    """Return the array with room for twice as much."""
+    return np.concatenate([array, np.zeros_like(array)])
