@@ -190,7 +190,8 @@ def rows(results: Results) -> list[dict[str, Any]]:
     out = []
     for (guard, dynamics, dead_time_s), found in groups.items():
         linear = groups.get(("linear", dynamics, dead_time_s), {})
-        held = [seed for seed, one in linear.items() if not one.entries and one.worst_less_stop_m >= -ROUNDING_M]
+        kept = (seed for seed, one in linear.items() if not one.entries and one.worst_less_stop_m >= -ROUNDING_M)
+        held = sorted(kept)
         all_of = [found[seed] for seed in sorted(found)]
         there, here = (sum(table[seed].motion for seed in held) for table in (linear, found))
         free = sum(one.free_motion for one in all_of)
