@@ -8,7 +8,8 @@ import pytest
 from workgauge.loop.memory import first_memory
 from workgauge.loop.tick import tick
 from workgauge.record.reader import open_log
-from workgauge.record.ticks import TickRecorder, configuration, replay
+from workgauge.record.setup import configuration
+from workgauge.record.ticks import TickRecorder, replay
 from workgauge.record.writer import LogWriter
 from workgauge.rehearse import session as session_module
 from workgauge.rehearse.session import Session

@@ -14,6 +14,7 @@ from workgauge.app.limits_command import limits_command
 from workgauge.app.measure_up_command import measure_up_command
 from workgauge.app.output import SeveralFiles
 from workgauge.app.pose_command import pose_command
+from workgauge.app.replay_command import replay_command
 from workgauge.app.run_command import run_command
 from workgauge.app.site_commands import at_command, site_command
 
@@ -73,6 +74,7 @@ app.command("run", cls=SeveralFiles)(run_command)
 app.command("check", cls=SeveralFiles)(check_command)
 app.command("measure-up")(measure_up_command)
 app.command("identify")(identify_command)
+app.command("replay", cls=SeveralFiles)(replay_command)
 app.command("schema")(schema_command)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import typer
 
@@ -36,6 +37,7 @@ class OwnSite:
     rules: str
     guard: str
     epsg: int | None
+    joints: Literal["ideal", "hydraulic"] = "ideal"
 
 
 @contextmanager
@@ -91,7 +93,7 @@ def _scenario(receivers: Receivers, on: LoadedScenario, model: MachineModel) -> 
 
 def _own_site(receivers: Receivers, on: OwnSite, model: MachineModel) -> Prepared:
     site = read_site(list(on.files), epsg=on.epsg)
-    session = GnssSession(receivers, site, model, rules=on.rules, guard=on.guard)
+    session = GnssSession(receivers, site, model, rules=on.rules, guard=on.guard, joints=on.joints)
     steps: tuple[Step, ...] = default_drive()
     if not any(limit.kind is LimitKind.POINT for limit in session.limits):
         steps = drive_at_anything(steps)

@@ -9,9 +9,8 @@ from typing import Annotated, Any
 
 import typer
 import yaml
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from workgauge.app.output import input_errors_exit_2, print_json, stderr, stdout, table, warn
+from workgauge.app.output import busy, input_errors_exit_2, print_json, stdout, table, warn
 from workgauge.app.site_commands import Json
 from workgauge.machine.load import catalogue, load_machine
 from workgauge.machine.model import MachineModel
@@ -57,12 +56,12 @@ def identify_command(
     with tempfile.TemporaryDirectory(prefix="workgauge-") as folder:
         file = log or Path(folder) / "steps.mcap"
         model = None if machine is None else load_machine(machine)
-        with _busy("driving steps and stops on the simulated machine" if rehearse else None):
+        with busy("driving steps and stops on the simulated machine" if rehearse else None):
             if rehearse and model is not None:
                 _rehearsed(model, file, seed, joint)
         steps = read_step_log(file)
         model = model or _machine_of(steps)
-        with _busy("fitting"):
+        with busy("fitting"):
             found = identify(steps, model, joint, tolerance / 100.0)
     source = f"identified from {'a rehearsal' if log is None else log.name}"
     if write is not None:
@@ -111,15 +110,6 @@ def _write(path: Path, content: dict[str, Any]) -> None:
             work.unlink(missing_ok=True)
     except OSError as error:
         raise InputError("the blocks cannot be written there", file=path, value=error.strerror) from error
-
-
-def _busy(what: str | None) -> Progress:
-    """Return something to look at meanwhile, where there is a terminal."""
-    console = stderr()
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    progress = Progress(*columns, console=console, transient=True, disable=what is None or not console.is_terminal)
-    progress.add_task(what or "", total=None)
-    return progress
 
 
 def _show(found: Sequence[JointStop], machine: MachineModel | None) -> None:

@@ -8,6 +8,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import typer
 from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 from typer.core import TyperCommand
@@ -82,6 +83,15 @@ def facts(title: str, pairs: Sequence[tuple[str, str]]) -> Table:
     for key, value in pairs:
         out.add_row(Text(key), Text(value))
     return out
+
+
+def busy(what: str | None) -> Progress:
+    """Return something to look at meanwhile, where there is a terminal; nothing for None."""
+    console = stderr()
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    progress = Progress(*columns, console=console, transient=True, disable=what is None or not console.is_terminal)
+    progress.add_task(what or "", total=None)
+    return progress
 
 
 class SeveralFiles(TyperCommand):

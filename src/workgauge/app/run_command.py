@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
@@ -21,6 +22,7 @@ from workgauge.rehearse.run import Progress, default_drive, drive_at_anything, o
 from workgauge.rehearse.scenario import OnGround, StateChange, Step, TravelStep
 from workgauge.rehearse.scenario_file import load_scenario
 from workgauge.rehearse.session import Session
+from workgauge.rehearse.tick_log import Origin, recorded
 from workgauge.report.page import write_report
 from workgauge.report.verdict import details, headline, metres
 from workgauge.values.errors import ScenarioError
@@ -28,6 +30,13 @@ from workgauge.values.limits import LimitKind
 
 DEFAULT_SCENARIO = "pole-approach"
 DEFAULT_MACHINE = "rre20"
+
+
+class JointsOption(StrEnum):
+    """How simulated joints follow their valves."""
+
+    IDEAL = "ideal"
+    HYDRAULIC = "hydraulic"
 
 
 def parse_place(text: str) -> tuple[float, float, float]:
@@ -77,6 +86,13 @@ def run_command(
         list[str] | None,
         typer.Option(metavar="STATE", help="A work state that is off, `Track 2 open to traffic`; may be repeated."),
     ] = None,
+    joints: Annotated[
+        JointsOption | None,
+        typer.Option(help="Joints follow at once, or as the machine file says.", show_default="ideal"),
+    ] = None,
+    record: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Record every tick there; a new .mcap file.")
+    ] = None,
     epsg: Epsg = None,
     as_json: Json = False,
 ) -> None:
@@ -86,25 +102,32 @@ def run_command(
     straight at it until it is stopped, and comes back. With --scenario, it does what the scenario says; the other
     options then replace what it says of them. With --gnss, it stands where receivers say instead of --at.
     """
-    choice = _Choice(site or (), machine, rules, scenario, guard, at, gnss or (), check, epsg)
-    with _prepared(choice) as (session, steps, words, said, travel, states):
+    choice = _Choice(site or (), machine, rules, scenario, guard, at, gnss or (), check, epsg, joints)
+    with ExitStack() as stack:
+        prepared = stack.enter_context(_prepared(choice))
+        session = prepared.session
         session.checked = check is not None
         for state in off or ():
             session.check_state(state)
-        switched = (*(StateChange(state=state, on=False) for state in off or ()), *states)
+        switched = (*(StateChange(state=state, on=False) for state in off or ()), *prepared.states)
+        if record is not None:
+            stack.enter_context(recorded(session, record, prepared.origin))
 
         def run(callback: Callable[[Progress], None] | None) -> RunResult:
+            steps, words, said, travel = prepared.steps, prepared.words, prepared.facts, prepared.travel
             return run_session(session, steps, *words, said, callback, travel=travel, states=switched)
 
         result = _watched(session, run, headless or as_json, speed)
-    page = None if report is None else write_report(result, report)
-    if as_json:
-        print_json(result.as_json())
-        return
-    _show(result)
-    warn(result.warnings)
-    if page is not None:
-        stdout().print(f"\nreport: {page}")
+        page = None if report is None else write_report(result, report)
+        if as_json:
+            print_json(result.as_json())
+            return
+        _show(result)
+        warn(result.warnings)
+        if page is not None:
+            stdout().print(f"\nreport: {page}")
+        if record is not None:
+            stdout().print(f"{'' if page else chr(10)}log: {record}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,12 +143,25 @@ class _Choice:
     gnss: Sequence[str]
     check: Path | None
     epsg: int | None
+    joints: JointsOption | None
+
+    @property
+    def joints_or_ideal(self) -> Literal["ideal", "hydraulic"]:
+        """What the joints are where no scenario says."""
+        return "hydraulic" if self.joints is JointsOption.HYDRAULIC else "ideal"
 
 
-#: Session, drive, (title, description), facts, travel, work states switched.
-_Prepared = tuple[
-    Session, Sequence[Step], tuple[str, str], dict[str, str], Sequence[TravelStep], Sequence[StateChange]
-]
+@dataclass(frozen=True, slots=True)
+class _Prepared:
+    """A session, what is done in it, what is said of it, and where it all came from."""
+
+    session: Session
+    steps: Sequence[Step]
+    words: tuple[str, str]
+    facts: dict[str, str]
+    origin: Origin
+    travel: Sequence[TravelStep] = ()
+    states: Sequence[StateChange] = ()
 
 
 @contextmanager
@@ -138,40 +174,53 @@ def _prepared(c: _Choice) -> Iterator[_Prepared]:
         place = None if c.at is None else parse_place(c.at)
         ground = None if place is None else OnGround(east_m=place[0], north_m=place[1], heading_deg=place[2])
         loaded = load_scenario(c.scenario or DEFAULT_SCENARIO).choosing(
-            site_files=c.site, machine=c.machine, rules=c.rules, guard=c.guard, place=ground, epsg=c.epsg
+            site_files=c.site,
+            machine=c.machine,
+            rules=c.rules,
+            guard=c.guard,
+            place=ground,
+            epsg=c.epsg,
+            joints=None if c.joints is None else c.joints.value,
         )
         refuse_unchecked(load_machine(loaded.machine, loaded.scenario.attachment), c.check)
+        origin = Origin(loaded.site_files, loaded.machine, loaded.rules, loaded.epsg)
     else:
         refuse_unchecked(load_machine(c.machine or DEFAULT_MACHINE), c.check)
+        origin = Origin(tuple(c.site), c.machine or DEFAULT_MACHINE, c.rules or "generic", c.epsg)
     if c.gnss:
-        own = OwnSite(c.site, c.machine or DEFAULT_MACHINE, c.rules or "generic", c.guard or "linear", c.epsg)
+        own = OwnSite(c.site, str(origin.machine), str(origin.rules), c.guard or "linear", c.epsg, c.joints_or_ideal)
         with gnss_run(c.gnss, loaded or own) as (session, steps, words, said, states):
-            yield session, steps, words, said, (), states
+            yield _Prepared(session, steps, words, said, origin, (), states)
     elif loaded is None:
-        yield (*_at_a_place(list(c.site), c.machine, c.rules, c.guard, c.at, c.epsg), (), ())
+        yield _at_a_place(c, origin)
     else:
         scenario = loaded.scenario
         words = scenario.title, scenario.description
         facts = {"scenario": loaded.file.stem}
-        yield open_session(loaded), scenario.drive, words, facts, scenario.travel, scenario.states
+        session = open_session(loaded)
+        yield _Prepared(session, scenario.drive, words, facts, origin, scenario.travel, scenario.states)
 
 
-def _at_a_place(
-    site: list[Path], machine: str | None, rules: str | None, guard: str | None, at: str | None, epsg: int | None
-) -> tuple[Session, Sequence[Step], tuple[str, str], dict[str, str]]:
+def _at_a_place(c: _Choice, origin: Origin) -> _Prepared:
     """Return a session at a place of the user's own site, with the default drive."""
-    if at is None:
+    if c.at is None:
         raise typer.BadParameter("--site needs --at E,N,HEADING_DEG", param_hint="--at")
     session = Session(
-        site, machine or DEFAULT_MACHINE, rules or "generic", guard or "linear", parse_place(at), epsg=epsg
+        list(c.site),
+        origin.machine,
+        origin.rules,
+        c.guard or "linear",
+        parse_place(c.at),
+        epsg=c.epsg,
+        joints=c.joints_or_ideal,
     )
     steps = default_drive()
     if not any(limit.kind is LimitKind.POINT for limit in session.limits):
         steps = drive_at_anything(steps)
         if session.snapshot().point_limit is None:
-            raise ScenarioError("no limit near the machine to drive at", element="--at", value=at)
+            raise ScenarioError("no limit near the machine to drive at", element="--at", value=c.at)
     description = "The machine swings to the nearest limit, drives its tool straight at it, stands, and comes back."
-    return session, steps, ("Rehearsal at a place of the site", description), {}
+    return _Prepared(session, steps, ("Rehearsal at a place of the site", description), {}, origin)
 
 
 def _watched(

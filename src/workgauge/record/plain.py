@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
-from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -69,6 +69,8 @@ def json_schema(kind: Any) -> dict[str, Any]:
         return {"type": "array", "items": {}}
     if origin in (tuple, frozenset):
         return {"type": "array", "items": json_schema(get_args(kind)[0])}
+    if origin is Literal:
+        return {"enum": list(get_args(kind))}
     if isinstance(kind, type) and is_dataclass(kind):
         properties = {name: json_schema(hint) for name, hint in _hints(kind).items()}
         return {"type": "object", "properties": properties, "required": list(properties)}
@@ -100,6 +102,10 @@ def _from(kind: Any, plain: Any, where: str) -> Any:
     if origin in (tuple, frozenset):
         items = _expect(plain, list, where)
         return origin(_from(get_args(kind)[0], one, f"{where}[{i}]") for i, one in enumerate(items))
+    if origin is Literal:
+        if plain not in get_args(kind):
+            raise ValueError(f"{where}: one of {get_args(kind)} expected, found {plain!r}")
+        return plain
     if isinstance(kind, type) and is_dataclass(kind):
         found, hints = _expect(plain, dict, where), _hints(kind)
         if set(found) != set(hints):

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import Any, get_type_hints
 
-from workgauge.loop.config import TickConfig
 from workgauge.loop.inputs import TickInputs
 from workgauge.loop.tick import Trace
 from workgauge.proximity.scene import Scene
@@ -21,25 +20,6 @@ from workgauge.wire.messages import decode_command
 _OWN = ("posture", "pose", "intent")
 #: The inputs that stand in the tick's own message.
 _REST = tuple(field.name for field in fields(TickInputs) if field.name not in (*_OWN, "now_ns", "scene"))
-
-
-def configuration(config: TickConfig) -> dict[str, Any]:
-    """Return what a tick was set up with, as plain values for a log's header."""
-    machine = config.machine
-    return {
-        "machine": machine.name,
-        "attachment": machine.attachment,
-        "machine_id": config.machine_id,
-        "joints": list(machine.joint_names),
-        "prismatic": [bool(one) for one in machine.prismatic],
-        "guard": config.guard.name,
-        "tick_s": config.dt_s,
-        "radius_m": config.radius_m,
-        "posture_age_s": config.posture_age_s,
-        "pose_age_s": config.pose_age_s,
-        "intent_age_s": config.intent_age_s,
-        "max_step": list(config.max_step),
-    }
 
 
 class TickRecorder:

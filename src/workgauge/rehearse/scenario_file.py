@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import yaml
 from pydantic import ValidationError
@@ -45,6 +45,7 @@ class LoadedScenario:
         guard: str | None = None,
         place: OnGround | None = None,
         epsg: int | None = None,
+        joints: Literal["ideal", "hydraulic"] | None = None,
     ) -> "LoadedScenario":
         """Return the same scenario with these choices instead of its own.
 
@@ -55,6 +56,8 @@ class LoadedScenario:
         machine = None if machine == self.machine else machine
         if guard is not None and guard != scenario.guard.name:
             scenario = scenario.model_copy(update={"guard": GuardChoice(name=guard)})
+        if joints is not None:
+            scenario = scenario.model_copy(update={"joints": joints})
         if machine is not None:
             scenario = scenario.model_copy(update={"attachment": None})
         return replace(
