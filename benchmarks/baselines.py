@@ -5,7 +5,7 @@ and keep the same stop distance. None knows how the joints stop.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import daqp
 import numpy as np
@@ -220,8 +220,3 @@ class Unguarded(_Baseline):
 
 #: Name to baseline.
 BASELINES = {made().name: made for made in (ExponentialScale, SpeedBands, NearestPairBarrier, Unguarded)}
-
-
-def baseline(name: str, stop_distance_m: float) -> _Baseline:
-    """Return a baseline that keeps a stop distance [m]."""
-    return replace(BASELINES[name](), stop_distance_m=stop_distance_m)

@@ -38,7 +38,8 @@ from typing import Any
 for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")  # before numpy: one drive, one core
 
-from baselines import BASELINES, baseline  # noqa: E402
+from baselines import BASELINES as PLAIN_BASELINES  # noqa: E402
+from baselines_potential import PotentialField  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: E402
 from rich.table import Table  # noqa: E402
@@ -53,6 +54,8 @@ from workgauge.rehearse.drives.run import DriveResult, run_drive  # noqa: E402
 from workgauge.rehearse.shipped import shipped_site_files  # noqa: E402
 from workgauge.site.read import read_site  # noqa: E402
 
+#: Baselines by name; each can be told the stop distance.
+BASELINES: dict[str, Callable[..., Guard]] = {**PLAIN_BASELINES, "potential": PotentialField}
 MACHINE, SITE, RULES = "rre20", "double_track", "finland"
 DEAD_TIMES_S = (0.0, 0.1, 0.3, 0.6, 1.3)
 LAG_S, STOP_S, RATIO, TOLERANCE = 0.2, 0.6, 3.0, 0.3
@@ -91,7 +94,7 @@ def settings(dynamics: str, dead_time_s: float) -> DriveSettings:
 def guard_made(name: str) -> Guard:
     """Return one of the guards of the program or of the baselines, keeping the stop distance of the drives."""
     if name in BASELINES:
-        return baseline(name, STOP_DISTANCE_M)
+        return BASELINES[name](stop_distance_m=STOP_DISTANCE_M)
     guard = guard_named(name)
     if getattr(guard, "stop_distance_m", STOP_DISTANCE_M) != STOP_DISTANCE_M:
         raise SystemExit(f"{name} keeps another stop distance than {STOP_DISTANCE_M} m by default")
