@@ -1,4 +1,4 @@
-"""Guards to compare with: the artificial potential field, and the barrier of a single pair."""
+"""A guard to compare with: the artificial potential field with one closest point."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -81,60 +81,6 @@ class PotentialField:
         pushing = near[push > 0.0]
         reasons = [_reason(given.clearances, int(k)) for k in pushing]
         return _within_joints(given, given.desired + field, memory, reasons)
-
-
-@dataclass(frozen=True, slots=True)
-class SinglePairBarrier:
-    """The control barrier of the single nearest pair, without prediction, roll-out or corners.
-
-    `min |dq - wanted|^2` subject to `row . dq >= -alpha (p - stop)` for the one pair with the least `p - stop` [m], p
-    the distance less its protection level. In closed form `dq = wanted + row (bound - row . wanted) / |row|^2` where
-    the wanted velocity breaks the bound.
-
-    Attributes:
-        stop_distance_m: where no limit has one of its own. alpha: [1/s]. reach: of the search [m].
-    """
-
-    stop_distance_m: float = 0.2
-    alpha: float = 1.0 / 0.6
-    reach: float = 2.0
-
-    @property
-    def name(self) -> str:
-        """Name in the tables."""
-        return "single-pair"
-
-    @property
-    def reach_m(self) -> float:
-        """Clearances up to here must be known to it [m]."""
-        return self.reach
-
-    def start(self) -> Memory:
-        """Return the memory of a guard that has done nothing yet."""
-        return {"group": -1}
-
-    def idle(
-        self, sent: Floats | None, machine: MachineModel, dt_s: float, elapsed_s: float, memory: Memory
-    ) -> Memory:
-        """Return the memory after a tick in which nobody asked anything."""
-        return self.start()
-
-    def allow(self, given: GuardInput, memory: Memory) -> tuple[GuardResult, Memory]:
-        """Return the velocity nearest to the wanted one that approaches the nearest pair no faster than allowed."""
-        wrong = unusable(given)
-        if wrong is not None:
-            return full_stop(len(given.joint_names), wrong), self.start()
-        clearances, wanted = given.clearances, np.array(given.desired)
-        reasons = []
-        if len(clearances) and wanted.any():
-            slack = _slack(clearances, self.stop_distance_m)
-            k = int(np.argmin(slack))
-            row, bound = given.rows[k], -self.alpha * max(float(slack[k]), 0.0)
-            short, square = bound - float(row @ wanted), float(row @ row)
-            if short > 0.0 and square > 1e-12:
-                wanted += row * (short / square)
-                reasons.append(_reason(clearances, k))
-        return _within_joints(given, wanted, memory, reasons)
 
 
 def _slack(clearances: Clearances, stop_distance_m: float) -> Floats:
