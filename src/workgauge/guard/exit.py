@@ -15,6 +15,8 @@ WORSENS_M_S = 1e-9
 FAR_OFF = 1e4
 #: A multiplier below this share of the greatest takes no part in pinning.
 TAKES_PART = 1e-6
+#: No clearance shrinks this fast [m/s].
+_ENOUGH_M_S = 1e6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,10 +38,10 @@ class WayOut:
 class Pinned:
     """Nothing in the box is a way out, and what stands in it.
 
-    Proved, not searched: with weights of nothing but the rows, weak duality bounds what any velocity in the box could
-    gain. `first` cannot grow without `second` shrinking (if `alone`), or without one of `second` and the `more` others
-    shrinking, or one of `joints` leaving its range. With n joints up to n rows can be needed, and no pair of them need
-    pin by itself (Helly); then the two with the greatest weights are named, and `more` counts the rest.
+    Proved, not searched: weights of the rows (Farkas) bound by weak duality what any velocity in the box could gain.
+    `first` cannot grow unless another one shrinks more than it may, or one of `joints` leaves its range: `second` if
+    `alone`, else `second` or one of the `more` with smaller weights. With n joints up to n + 1 rows may be needed, no
+    two of which pin by themselves (Helly): then no pair is claimed to pin, the two heaviest stand for all.
 
     Attributes:
         first: the worst violated row, -1 if the numbers cannot be judged.
@@ -63,7 +65,7 @@ Exit: TypeAlias = WayOut | Pinned
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Best:
-    """The best of a linear programme: where (in shares of the box), by which rows, and what is proved to be the most."""
+    """The best of a linear programme: where (in shares of the box), by which rows, and what is proved the most."""
 
     point: Floats
     weights: Floats
@@ -96,10 +98,10 @@ def way_out(
 ) -> Exit:
     """Return the fastest way for the worst clearance that worsens none of the violated, or what leaves none.
 
-    Three linear programmes over the box, the next one only if the one before gains less than `least_m_s`: (1) the worst
-    grows as fast as it can while each other violated one grows at least `grip` as fast; (2) none of the others shrinks;
-    (3) all violated together grow as fast as they can while none shrinks. Clearances that are not violated lose at
-    most their slack per `horizon_s` in all three.
+    Three linear programmes over the box, the next only if the one before gains less than `least_m_s`: (1) the worst
+    grows as fast as it can while each other violated one grows at least `grip` as fast; (2) while none of the others
+    shrinks; (3) all violated together grow as fast as they can while none shrinks. Clearances that are not violated
+    lose at most their slack per `horizon_s` in all three.
 
     Args:
         rows: (k, n) `d(distance)/dt = row @ joint velocity` [m/rad, m/m].
@@ -118,7 +120,7 @@ def way_out(
     if not violated.any():
         return WayOut(frozen(np.zeros(len(low))), 0.0, -1)
     span = np.maximum(high, -low)
-    rates, floors = rows * span, -np.maximum(slack, 0.0) / horizon_s
+    rates, floors = rows * span, -np.minimum(np.maximum(slack, 0.0) / horizon_s, _ENOUGH_M_S)
     unit = np.divide(1.0, span, out=np.zeros_like(span), where=span > 0.0)
     bottom, top = low * unit, high * unit
     worst = int(np.argmin(slack))
@@ -128,7 +130,7 @@ def way_out(
         if alone.value > least_m_s and _keeps(alone.point, rates, floors):
             return WayOut(frozen(alone.point * span), float(rates[worst] @ alone.point), worst)
     together = _best(rates[violated].sum(axis=0), rates, floors, bottom, top)
-    if together.value > least_m_s:
+    if together.value > least_m_s and _keeps(together.point, rates, floors):
         gains = np.where(violated, rates @ together.point, -np.inf)
         return WayOut(frozen(together.point * span), max(float(gains[worst]), 0.0), int(np.argmax(gains)))
     return replace(_blame(worst, alone, rates, floors, bottom, top, least_m_s), most=together.most)
@@ -146,8 +148,8 @@ def exit_velocity(
 ) -> tuple[Floats, Exit]:
     """Return the joint velocity (n,) to command this tick for driving out, and the exit it follows.
 
-    `speed_share` (0 to 1) of the fastest way out, slower towards its end so that the worst clearance settles, in
-    `settle_s`, `beyond_m` outside: there slack is above 0, the velocity zero. Zero where pinned. Nothing is remembered.
+    `speed_share` (0 to 1) of the fastest way out, slower towards its end as if to settle, in `settle_s`, `beyond_m`
+    outside; zero as soon as nothing is violated, and where pinned. Nothing is remembered.
     """
     found = way_out(rows, slack, low, high)
     if isinstance(found, Pinned) or found.row < 0:
@@ -186,8 +188,7 @@ def _best(wish: Floats, rates: Floats, floors: Floats, bottom: Floats, top: Floa
         point = point * np.min(floors[over] / change[over])
     weights = multipliers[:k] * scale * (size / FAR_OFF)
     pulls = wish + weights @ rates
-    held = np.where(weights > 0.0, weights * -np.where(weights > 0.0, floors, 0.0), 0.0)
-    most = float(np.maximum(pulls * top, pulls * bottom).sum() + held.sum())
+    most = float(np.maximum(pulls * top, pulls * bottom).sum() - weights @ floors)
     return _Best(point, weights, pulls, float(wish @ point), most)
 
 
