@@ -186,7 +186,7 @@ class NearestPairBarrier(_Baseline):
         if float(given.rows[i] @ wanted) >= least:
             return wanted
         lower, upper = np.append(-given.speed_negative, least), np.append(given.speed_positive, 1e30)
-        row = np.ascontiguousarray(given.rows[i : i + 1])
+        row = np.array(given.rows[i : i + 1])
         solution, _, flag, _ = daqp.solve(np.eye(len(wanted)), -wanted, row, upper, lower)
         return np.asarray(solution) if flag == 1 else np.zeros_like(wanted)
 
