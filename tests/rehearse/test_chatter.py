@@ -78,6 +78,17 @@ def test_what_the_hands_do_is_no_chatter() -> None:
     assert less.total == 0.0
 
 
+def test_one_joint_s_answer_to_another_s_lever_is_its_own_but_no_chatter_in_all() -> None:
+    hands, answer = np.zeros((1000, 2)), np.zeros((1000, 2))
+    hands[400:, 0] = 0.4
+    answer[400:, 1] = 0.3
+    found = chatter(answer, hands, DT)
+    assert found is not None
+    assert found.total == pytest.approx(0.0, abs=1e-6)
+    assert found.by_joint[1] == pytest.approx(found.commanded[1])
+    assert found.by_joint[0] == 0.0
+
+
 def test_quiet_hands_now_do_not_excuse_chatter_later() -> None:
     hands = np.zeros((2000, 1))
     hands[200:] = 0.9
@@ -103,6 +114,8 @@ def test_laws(seed: int, factor: float, ticks: int) -> None:
     free = chatter(commanded, np.zeros_like(wanted), DT)
     assert free is not None
     assert np.allclose(free.by_joint, free.commanded, atol=1e-6)
+    assert found.total <= np.linalg.norm(found.by_joint) * (1 + 1e-9) + 1e-6
+    assert free.total == pytest.approx(np.linalg.norm(free.by_joint), rel=1e-6)
 
 
 def test_the_filter_does_not_shift_time() -> None:

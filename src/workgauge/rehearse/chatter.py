@@ -24,18 +24,17 @@ class Chatter:
     """What a series of commands shows above `ABOVE_HZ`; root mean squares over the whole series [rad/s^2, m/s^2].
 
     Attributes:
-        by_joint: (n,) of the commanded acceleration, beyond the levers' own.
+        total: of the commanded acceleration of all joints, beyond the levers' own; 1 m/s^2 of a sliding joint counts
+            as 1 rad/s^2.
+        by_joint: (n,) of each joint's, beyond the same joint's lever's; what a guard makes of one joint because of
+            another's lever is in here and not in `total`.
         commanded, levers: (n,) of the commanded acceleration, and of the one the levers asked for.
     """
 
+    total: float
     by_joint: Floats
     commanded: Floats
     levers: Floats
-
-    @property
-    def total(self) -> float:
-        """All joints together, root of the sum of squares; 1 m/s^2 of a sliding joint counts as 1 rad/s^2."""
-        return float(np.sqrt((self.by_joint**2).sum()))
 
     def as_json(self, names: tuple[str, ...]) -> dict[str, Any]:
         """Return the documented object of the run command."""
@@ -53,12 +52,13 @@ def chatter(commanded: ArrayLike, wanted: ArrayLike, dt_s: float) -> Chatter | N
     at rest, `h` the part of it above 2 Hz (Butterworth, order 4, forwards and backwards, so without a shift in time;
     half the amplitude passes at 2 Hz itself), and `<.>` the mean over 1 s around a moment,
 
-        chatter^2 = mean over time of max(0, <h(a_c)^2> - <h(a_w)^2>)
+        chatter^2 = mean over time of max(0, <|h(a_c)|^2> - <|h(a_w)|^2>)
 
-    per joint. What the hands do quickly is no chatter where and when they do it, and cannot make up for chatter at
-    another time. The measure is the energy a guard adds: it does not tell why. Everything up to half the tick rate
-    counts, so that a command that alternates from tick to tick counts fully; a jump of the velocity has the more
-    energy the shorter the tick, and only series of the same tick are to be compared where commands jump.
+    with `|h|^2` summed over the joints, or of one joint alone. What the hands do quickly is no chatter where and when
+    they do it, and cannot make up for chatter at another time. The measure is the energy a guard adds: it does not
+    tell why. Everything up to half the tick rate counts, so that a command that alternates from tick to tick counts
+    fully; a jump of the velocity has the more energy the shorter the tick, and only series of the same tick are to be
+    compared where commands jump.
 
     Args:
         commanded, wanted: (N, n) joint velocities [rad/s, m/s], one row per tick.
@@ -77,9 +77,11 @@ def chatter(commanded: ArrayLike, wanted: ArrayLike, dt_s: float) -> Chatter | N
     if not len(c) or dt_s * 2.0 * ABOVE_HZ >= 1.0:
         return None
     fast_c, fast_w = (above(accelerations(one, dt_s), dt_s) for one in (c, w))
-    beyond = np.maximum(_local_energy(fast_c, dt_s) - _local_energy(fast_w, dt_s), 0.0).sum(axis=0) / len(c)
+    surplus = _local_energy(fast_c, dt_s) - _local_energy(fast_w, dt_s)
+    total = float(np.sqrt(np.maximum(surplus.sum(axis=1), 0.0).sum() / len(c)))
+    beyond = np.maximum(surplus, 0.0).sum(axis=0) / len(c)
     rms = (np.sqrt((one**2).mean(axis=0)) for one in (fast_c, fast_w))
-    return Chatter(frozen(np.sqrt(beyond)), *(frozen(one) for one in rms))
+    return Chatter(total, frozen(np.sqrt(beyond)), *(frozen(one) for one in rms))
 
 
 def _local_energy(signal: Floats, dt_s: float) -> Floats:
