@@ -64,7 +64,7 @@ STOP_DISTANCE_M = 0.2
 #: What is no more below the stop distance than this is not below it [m].
 ROUNDING_M = 1e-4
 #: Grows whenever the same settings give other drives, so that an old journal is not believed.
-DRIVES_VERSION = 1
+DRIVES_VERSION = 2
 
 #: (dynamics, dead time [s], seed)
 Task = tuple[str, float, int]

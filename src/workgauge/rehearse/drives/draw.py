@@ -8,7 +8,7 @@ from workgauge.gauge.rules import RuleBook
 from workgauge.machine.model import MachineModel
 from workgauge.motion.joystick import LeverFeel
 from workgauge.rehearse.drives.dynamics import Dynamics, believed_machine, true_hydraulics
-from workgauge.rehearse.drives.levers import DRIVE_KINDS, DriveKind, Operator, Programme, drawn_kind
+from workgauge.rehearse.drives.levers import DRIVE_KINDS, SLID_ALONG, DriveKind, Operator, Programme, drawn_kind
 from workgauge.rehearse.drives.places import Place, RandomPlaces, SitePlaces
 from workgauge.sim.hydraulics import HydraulicSpec
 from workgauge.site.model import SiteModel
@@ -134,10 +134,9 @@ class Drives:
         Raises:
             ScenarioError: if no posture clear of everything is found there either.
         """
-        rng = np.random.default_rng((seed, _PLACE))
-        place, q = self._start(rng, settings)
         hands = np.random.default_rng((seed, _HANDS))
         kind = drawn_kind(hands, settings.kinds)
+        place, q = self._start(np.random.default_rng((seed, _PLACE)), kind, settings)
         operator = Operator(self.machine, place.scene, place.T_site_machine, q, LeverFeel())
         programme = operator.programme(kind, settings.seconds, hands.random() < settings.gate_closes, hands)
         oil = np.random.default_rng((seed, _OIL))
@@ -151,15 +150,15 @@ class Drives:
         place = place.with_machine(machine)
         return Drive(seed, kind, place, machine, hydraulics, q, programme, frozen(T_error), q_error, settings)
 
-    def _start(self, rng: np.random.Generator, settings: DriveSettings) -> tuple[Place, Floats]:
-        """Return a place and a posture there, clear of everything and near something."""
+    def _start(self, rng: np.random.Generator, kind: DriveKind, settings: DriveSettings) -> tuple[Place, Floats]:
+        """Return a place and a posture there, clear of everything and near what the kind of drive is about."""
         sources: list[SitePlaces | RandomPlaces] = [self._random]
         if self._site is not None and rng.random() >= settings.random_places:
             sources.insert(0, self._site)
         for source in sources:
             for _ in range(_PLACES):
                 place = source.draw(rng)
-                q = _clear_posture(rng, self.machine, place, settings.stop_distance_m)
+                q = _clear_posture(rng, self.machine, place, kind, settings.stop_distance_m)
                 if q is not None:
                     return place, q
         raise ScenarioError(
@@ -168,10 +167,16 @@ class Drives:
 
 
 def _clear_posture(
-    rng: np.random.Generator, machine: MachineModel, place: Place, stop_distance_m: float
+    rng: np.random.Generator, machine: MachineModel, place: Place, kind: DriveKind, stop_distance_m: float
 ) -> Floats | None:
-    """Return the first random posture that is clear of everything and near a limit, or else the nearest clear one."""
+    """Return the first random posture that is clear of everything and near a limit, or else the nearest clear one.
+
+    For a sliding drive that limit is a track's envelope, if there is one.
+    """
     best: tuple[float, Floats] | None = None
+    limits = place.truth.limits
+    sought = np.array([kind != "sliding" or limit.kind is SLID_ALONG for limit in limits], dtype=np.bool_)
+    sought = sought if sought.any() else np.ones(len(limits), dtype=np.bool_)
     for k in range(_POSTURES):
         anywhere = rng.uniform(machine.sample_min, machine.sample_max)
         q = frozen(anywhere if k % 2 == 0 else machine.home + rng.random() * (anywhere - machine.home))
@@ -182,6 +187,7 @@ def _clear_posture(
         if (room < np.where(own_links, own_room, START_ROOM_M)).any():
             continue
         outside = room[~own_links]
+        outside = outside[sought[found.limits[~own_links]]]
         nearest = float(outside.min()) if outside.size else 2.0 * START_NEAR_M
         if best is None or nearest < best[0]:
             best = nearest, q

@@ -13,6 +13,7 @@ from workgauge.motion.joystick import LeverFeel
 from workgauge.proximity.scene import Scene
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.clearances import Clearances
+from workgauge.values.limits import LimitKind
 from workgauge.values.measurements import LEVER_NAMES, DriveMode, Levers, ToolLine
 
 #: Kinds of drives.
@@ -23,6 +24,10 @@ SHARES: dict[DriveKind, float] = {"levers": 0.2, "reversing": 0.15, "sliding": 0
 #: What is lost when the gate closes: the enable switch is let go, or an input stays away.
 Lost: TypeAlias = Literal["enable", "intent", "posture", "pose"]
 _LOST: tuple[Lost, ...] = get_args(Lost)
+#: What a sliding drive slides along, if there is any in sight; else the nearest limit.
+SLID_ALONG = LimitKind.TRACK
+#: A straight drive is aimed at one of so many nearest limits.
+_AIMED = 4
 #: Lever combinations tried to find one along a limit.
 _TRIES = 200
 
@@ -93,6 +98,7 @@ class Operator:
         self._kin = machine.forward(q)
         self._full = np.minimum(machine.speed_positive, machine.speed_negative)
         self._moves = np.array([name is not None for name in machine.levers])
+        self._kinds = [limit.kind for limit in scene.limits]
         self._found = scene.query(self._kin, T_site_machine, sight_m)
         self._rows = machine.distance_rows(self._kin, T_site_machine, self._found)
 
@@ -110,19 +116,28 @@ class Operator:
 
     def _opening(self, kind: DriveKind, seconds: float, rng: np.random.Generator) -> list[Held]:
         """Return what is done first, at the limits seen from the start posture."""
-        own = self._found.other_links >= 0
-        which = np.flatnonzero(own if kind == "itself" else ~own)
-        if kind in ("levers", "reversing") or not which.size:
+        if kind in ("levers", "reversing"):
             return []
-        near = which[np.argsort(self._found.distances[which], kind="stable")][:3]
-        i = int(near[0] if kind == "sliding" else rng.choice(near))
+        near = self._nearest(own=kind == "itself")
+        if not near:
+            return []
         if kind == "sliding":
-            return self._along(i, seconds, rng)
+            tracks = [i for i in near if self._kinds[int(self._found.limits[i])] == SLID_ALONG]
+            return self._along(tracks[0] if tracks else near[0], seconds, rng)
+        i = near[int(rng.integers(min(len(near), _AIMED)))]
         closing = -np.sign(self._rows[i]) * (np.abs(self._rows[i]) > 1e-3)
         if rng.random() < 0.5:  # not all joints that could
             kept = closing * (rng.random(len(closing)) < 0.6)
             closing = kept if kept.any() else closing
         return [self._joints(float(rng.uniform(0.4, 0.9)) * seconds, closing)]
+
+    def _nearest(self, own: bool) -> list[int]:
+        """Return the nearest clearance of every limit, or of every own link, the nearest first."""
+        first: dict[int, int] = {}
+        for i in np.argsort(self._found.distances, kind="stable").tolist():
+            if bool(self._found.other_links[i] >= 0) == own:
+                first.setdefault(int(self._found.limits[i]), i)
+        return list(first.values())
 
     def _along(self, i: int, seconds: float, rng: np.random.Generator) -> list[Held]:
         """Return levers that lead along the limit of clearance i, pushed against it a little, to and perhaps fro."""
