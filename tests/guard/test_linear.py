@@ -1,6 +1,7 @@
 """Mäkinen 3.11 and 3.12, corrected and per limit."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from hypothesis.extra.numpy import arrays
 
 from workgauge.guard.api import GuardInput
 from workgauge.guard.linear import MAX_REASONS, RESTING_M_S, LinearGuard
+from workgauge.machine.load import load_machine
+from workgauge.proximity.scene import Scene
 from workgauge.values.arrays import frozen, frozen_ints
 from workgauge.values.clearances import Clearances
 from workgauge.values.errors import InputError
@@ -271,3 +274,45 @@ def test_more_room_never_means_less_speed(case: GuardInput, more: float) -> None
 def test_settings_that_make_no_sense_are_refused(settings_: dict[str, float]) -> None:
     with pytest.raises(InputError):
         LinearGuard(**settings_)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.floats(0.0, 1.0), st.floats(0.0, 1.2), st.booleans())
+def test_links_of_a_small_machine_are_slowed_nearer_in_proportion(stop: float, distance: float, links: bool) -> None:
+    case = situation([0.0, 0.3, 0.0], [distance], [[0.0, -0.1, 0.0]], stops=stop)
+    if links:
+        case = replace(case, clearances=replace(case.clearances, other_links=frozen_ints([0])))
+    scale = GUARD.allow(case, GUARD.start())[0].scale
+    width = 0.6 * max(stop, 0.001) / 0.2 if links and stop < 0.2 else 0.6
+    free = min((distance - stop) / width, max(distance - stop, 0.0) / (0.03 * DT))
+    assert scale == pytest.approx(min(max(free, 0.0), 1.0), abs=1e-12)
+
+
+def test_a_small_machine_moves_where_the_distances_of_limits_would_hold_it() -> None:
+    small, motion = load_machine("sun-a"), []
+    for machine in (small, replace(small, self_stop_distance_m=None)):
+        scene, q, memory = Scene(machine, []), np.array(machine.home), GUARD.start()
+        rng, desired, moved = np.random.default_rng(0), np.zeros(machine.n), 0.0
+        for k in range(300):
+            if k % 75 == 0:
+                desired = frozen(rng.uniform(-1.0, 1.0, machine.n) * machine.speed_positive)
+            kin = machine.forward(q)
+            found = scene.query(kin, np.eye(4), 5.0)
+            assert found.distances.min() > 0.05 - 1e-9
+            case = replace(
+                situation([0.0] * N, [5.0], [[0.0] * N]),
+                desired=desired,
+                q=q,
+                q_min=machine.q_min,
+                q_max=machine.q_max,
+                speed_positive=machine.speed_positive,
+                speed_negative=machine.speed_negative,
+                clearances=found,
+                rows=machine.distance_rows(kin, np.eye(4), found),
+                joint_names=machine.joint_names,
+            )
+            result, memory = GUARD.allow(case, memory)
+            q = np.clip(q + result.allowed * DT, machine.q_min, machine.q_max)
+            moved += float(np.abs(result.allowed).sum())
+        motion.append(moved)
+    assert motion[0] > 1.4 * motion[1] > 0.0

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workgauge.guard.api import GuardInput, GuardResult, Memory, full_stop, unusable
 from workgauge.guard.cushion import cushioned
@@ -15,6 +16,8 @@ from workgauge.values.reasons import Reason, ReasonCode
 
 #: A clearance that shrinks more slowly than this stands still: below the rounding of the rows [m/s].
 RESTING_M_S = 1e-9
+#: A stop distance below this counts as this, where one is weighed against another [m].
+LEAST_M = 1e-3
 #: At most this many reasons, the gravest first.
 MAX_REASONS = 8
 #: A reason's text is silent about protection levels below this [m].
@@ -29,8 +32,9 @@ class LinearGuard:
     at the stop distance the machine may stand that much farther away. Reasons tell all three, distance, protection
     level and stop distance; a limit is entered (`inside_limit`) only where the distance itself is below zero.
     The smallest s_i of the clearances that the motion shrinks scales every joint speed; a motion that shrinks none of
-    them is not scaled. A limit with a stop distance of its own moves p_l there, and p_u with it. Beyond the equation:
-    one tick never uses up more than what is left above p_l, which a coarse tick at high speed otherwise could.
+    them is not scaled. A limit with a stop distance of its own moves p_l there, and p_u with it; a smaller one of the
+    machine's own links, where the machine is small, draws p_u nearer in proportion. Beyond the equation: one tick
+    never uses up more than what is left above p_l, which a coarse tick at high speed otherwise could.
 
     Before that, the joints' own limits: speed, exclusive groups, end cushion.
 
@@ -133,13 +137,19 @@ class LinearGuard:
         stops = np.where(np.isnan(own), self.stop_distance_m, own)
         safe = clearances.distances[approached] - clearances.protections[approached]
         left = safe - stops
-        scales = left / (self.slow_distance_m - self.stop_distance_m)  # eq. 3.11
+        scales = left / self._widths(own, clearances.other_links[approached] >= 0)  # eq. 3.11
         scales = np.minimum(scales, left / (-rates[approached] * dt_s))
         scales = np.minimum(np.maximum(scales, 0.0), 1.0)
         smallest = float(np.minimum.reduce(scales))
         if smallest == 1.0:
             return 1.0, []
         return smallest, _reasons(clearances, approached, stops, scales)
+
+    def _widths(self, own: Floats, between_links: NDArray[np.bool_]) -> Floats:
+        """Return p_u - p_l (k,) for stop distances of their own (k,), NaN for none."""
+        width = self.slow_distance_m - self.stop_distance_m
+        smaller = between_links & (own < self.stop_distance_m)
+        return np.where(smaller, width * np.maximum(own, LEAST_M) / max(self.stop_distance_m, LEAST_M), width)
 
 
 def _reasons(clearances: Clearances, approached: np.ndarray, stops: Floats, scales: Floats) -> list[Reason]:

@@ -86,6 +86,7 @@ def build(name: str, description: MachineDescription, folder: Path, attachment: 
         ),
         sensors=_sensors(description, links),
         positioning=description.positioning,
+        self_stop_distance_m=description.self_stop_distance_m,
         T_link_tool=matrix_of(mounted.tool or Pose()),
         tool_tolerance_m=mounted.tolerance_m or 0.0,
         chain=chain,

@@ -216,6 +216,9 @@ class MachineDescription(Sourced):
     pump: PumpSpec | None = None
     positioning: PositioningSpec | None = None
     allowed_contacts: tuple[tuple[str, str], ...] = Field(default=(), description="pairs of boxes never checked")
+    self_stop_distance_m: Annotated[NotNegative, Field(le=1)] | None = Field(
+        default=None, description="distance at which its own links stop before each other; the guard's if left out"
+    )
 
     @model_validator(mode="after")
     def _rows_or_urdf(self) -> Self:

@@ -57,6 +57,7 @@ class MachineModel:
         T_link_tool: (4, 4), tool frame in the last link's frame. tool_tolerance_m: 1-sigma of its position.
         chain: the joints in space.
         positioning: how it knows where it is; None if its pose comes from outside.
+        self_stop_distance_m: at which its own links stop before each other, None for the guard's own distance [m].
     """
 
     name: str
@@ -88,6 +89,7 @@ class MachineModel:
     skipped_pairs: tuple[SkippedPair, ...] = ()
     positioning: PositioningSpec | None = None
     cylinders: tuple[Cylinder | None, ...] = ()
+    self_stop_distance_m: float | None = None
 
     _pin: Any = field(init=False, repr=False)
     _scratch: Any = field(init=False, repr=False)  # overwritten by every forward(); nothing is kept in it

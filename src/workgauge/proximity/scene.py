@@ -54,7 +54,8 @@ class Scene:
         limits: in the site's local frame [m].
 
     Attributes:
-        uncertainty: what is not sure about the limits. largest_stop_m: largest stop distance of a limit's own [m].
+        uncertainty: what is not sure about the limits.
+        largest_stop_m: largest stop distance of a limit's own, or of the machine's links' own [m].
         arm: the machine's, packed. hulls: the limits' cells, packed.
         cell_ranges: (limits + 1,), limit i has the cells from [i] to [i + 1]. cell_boxes: lows and highs (cells, 3).
         surfaces: index of a limit to the number of its surface. moving: limits with a velocity.
@@ -85,9 +86,9 @@ class Scene:
         )
         self._some_exempting, self._some_conditional = bool(self._exempting.any()), bool(self._conditional.any())
         self.uncertainty = LimitUncertainty.of(self.limits, len(machine.link_names))
-        self.largest_stop_m = max((limit.stop_distance_m or 0.0 for limit in self.limits), default=0.0)
-        stops = (math.nan if limit.stop_distance_m is None else limit.stop_distance_m for limit in self.limits)
-        self._stop_distances = frozen([*stops, *(math.nan for _ in machine.link_names)])
+        own = [*(limit.stop_distance_m for limit in self.limits), *(machine.self_stop_distance_m,) * (machine.n + 1)]
+        self.largest_stop_m = max(stop or 0.0 for stop in own)
+        self._stop_distances = frozen([math.nan if stop is None else stop for stop in own])
         self.cell_ranges = frozen_ints(np.searchsorted(self._cells.limits, np.arange(len(self.limits) + 1)))
         self.cell_boxes = self._cells.lows, self._cells.highs
         self.surfaces = {i: number for number, (i, _) in enumerate(self._surfaces)}
