@@ -100,15 +100,19 @@ class BarrierGuard:
         rollout = rollout_of(machine, given.dt_s)
         speeds, flying = flown(rollout, given.sent, given.elapsed_s or given.dt_s, memory)
         wish, group, reasons = _wish(given, memory)
-        plan = Plan(rollout, given, speeds, flying, wish)
+        plan = Plan(
+            *(rollout, given, speeds, flying, wish),
+            spacing_m=self.spacing_m,
+            farthest=around.scene.arm.farthest,
+            cushion=min(given.dt_s / self.cushion_s, 1.0),
+        )
         alpha = min(given.dt_s / self.ease_s, 1.0)
         stop = self._stop(around, given, plan, alpha)
-        rows = stop.rows(plan.most / alpha)
-        changes = plan.changes(rows, WISH)
-        ends = plan.ends(min(given.dt_s / self.cushion_s, 1.0))
+        rows, ends = stop.rows, plan.ends
+        changes = plan.changes(rows)
         flow_rows, flow_most = _flow(machine, wish)
         solved = share(
-            changes,
+            changes[WISH],
             rows.slack,
             alpha,
             keep_direction=given.keep_direction,
@@ -125,7 +129,7 @@ class BarrierGuard:
         ranges = None
         if given.tool_rates is not None:
             ranges = lever_ranges(
-                *(plan.changes(rows, PLUS), plan.changes(rows, MINUS), rows.slack, alpha),
+                *(changes[PLUS], changes[MINUS], rows.slack, alpha),
                 *(given.speed_positive, given.speed_negative, given.tool_rates),
                 ends_positive=ends[PLUS],
                 ends_negative=ends[MINUS],
@@ -136,16 +140,13 @@ class BarrierGuard:
 
     def _stop(self, around: Surroundings, given: GuardInput, plan: Plan, alpha: float) -> Stop:
         """Return the stop in hand: everything that has little slack on the way to rest from what is in flight."""
-        levers = around.scene.arm.levers.max(axis=0, initial=0.0)
-        way = plan.way(self.spacing_m, levers)
-        band = float(plan.most @ levers) / alpha + self.margin_m
         clearances, farther = given.clearances, 0.0
         while True:
             stop = Stop(
-                *(around, clearances, given.q, way),
+                *(around, clearances, given.q, plan.way),
                 stop_distance_m=self.stop_distance_m,
                 margin_m=self.margin_m,
-                band_m=band,
+                reach=plan.reach / alpha,
             )
             if stop.reach_m <= max(clearances.searched_m, farther):
                 return stop

@@ -1,9 +1,12 @@
 """What a tick may command, rolled out: where the joints may be until they rest, for several commands side by side."""
 
+from typing import Any
+
 import numpy as np
+from numba import njit
 
 from workgauge.guard.api import GuardInput, Memory
-from workgauge.machine.rollout import Rollout
+from workgauge.machine.rollout import Rollout, advance, roll
 from workgauge.proximity.stops import Rows, Way
 from workgauge.values.arrays import Floats, freeze
 
@@ -17,19 +20,15 @@ def flown(rollout: Rollout, sent: Floats | None, elapsed_s: float, memory: Memor
     Args:
         rollout: the stopping model. sent: (n,) velocities the valves have asked for since the last tick, None for
             none. elapsed_s: since then; more than a tick's period if ticks were missed.
-        memory: of the last tick; an empty one stands for a machine at rest.
+        memory: of the last tick; an empty one, or one of another model, stands for a machine at rest.
     """
-    speeds = np.asarray(memory.get("speeds", rollout.rest()), dtype=np.float64)
-    flying = np.asarray(memory.get("flying", np.zeros((rollout.memory, rollout.n))), dtype=np.float64)
+    speeds, flying = memory.get("speeds"), memory.get("flying")
+    speeds = rollout.rest() if speeds is None else np.asarray(speeds, dtype=np.float64)
+    flying = np.zeros((rollout.memory, rollout.n)) if flying is None else np.asarray(flying, dtype=np.float64)
     if speeds.shape != (rollout.variants, rollout.n) or flying.shape != (rollout.memory, rollout.n):
         speeds, flying = rollout.rest(), np.zeros((rollout.memory, rollout.n))
     ticks = min(max(round(elapsed_s / rollout.dt_s), 1), rollout.memory)
-    for _ in range(ticks):
-        after = np.empty_like(flying)
-        after[:-1] = flying[1:]
-        after[-1] = 0.0 if sent is None else sent
-        flying = after
-        speeds = rollout.advanced(speeds, flying)
+    speeds, flying = _fly(speeds, flying, np.zeros(rollout.n) if sent is None else sent, ticks, rollout.packed)
     freeze(speeds)
     freeze(flying)
     return speeds, flying
@@ -41,71 +40,191 @@ class Plan:
     Args:
         rollout: the stopping model. given: of this tick. speeds, flying: see `flown`.
         wish: (n,) what the joints themselves allow of what is desired.
+        spacing_m: no corner moves farther between two postures looked at. farthest: (n,) how far from each joint's
+            axis a corner may be [m].
+        cushion: one tick uses up at most this share of what is left between a joint's end and where it would rest.
 
     Attributes:
-        most: (n,) how much of each joint's way one tick's command may change, at its full speed either way.
+        way: the way to rest without a command.
+        reach: (c, n) how much of each joint's way one tick's command may change: the whole wish, every joint at its
+            full speed by itself, the tool along each axis as fast as the joints can [rad, m].
+        ends: (4, n) the share of each command that leaves every joint its due before its end.
     """
 
-    def __init__(self, rollout: Rollout, given: GuardInput, speeds: Floats, flying: Floats, wish: Floats) -> None:
-        self._rollout, self._q, self._wish = rollout, given.q, wish
-        self._speeds, self._flying = speeds, flying
-        self._room = given.q_min - given.q, given.q_max - given.q
-        first = np.array([np.zeros(rollout.n), wish, given.speed_positive, -given.speed_negative])
-        self._low, self._high = rollout.displacements(speeds, flying, first)
-        low, high = self._within_ends(self._low, self._high)
-        self._middle, self._width = 0.5 * (low + high), 0.5 * (high - low)
-        middle, width = self._middle[PLUS:] - self._middle[NONE], self._width[PLUS:] - self._width[NONE]
-        self.most: Floats = (np.abs(middle) + np.abs(width)).max(axis=(0, 1))
-        self._looked = np.arange(len(rollout.marks))
-
-    def way(self, spacing_m: float, levers: Floats) -> Way:
-        """Return the way to rest without a command: so many postures that no corner moves `spacing_m` in between.
-
-        Args:
-            levers: (n,) how far from each joint's axis a corner may be [m].
-        """
-        steps = np.abs(np.diff(self._middle[NONE], axis=0, prepend=0.0)) @ levers
-        bins = np.floor(np.cumsum(steps) / spacing_m)
-        self._looked = np.flatnonzero(np.diff(bins, append=np.inf) > 0.0)
-        return self._seen(self._middle[NONE], self._width[NONE])
+    def __init__(
+        self,
+        rollout: Rollout,
+        given: GuardInput,
+        speeds: Floats,
+        flying: Floats,
+        wish: Floats,
+        *,
+        spacing_m: float,
+        farthest: Floats,
+        cushion: float,
+    ) -> None:
+        self._rollout, self._given, self._speeds, self._flying = rollout, given, speeds, flying
+        tool = np.zeros((0, rollout.n)) if given.tool_rates is None else given.tool_rates
+        self._middle, self._width, self._looked, way, self.reach, self.ends = _plan(
+            *(speeds, flying, wish, rollout.packed, rollout.marks, rollout.rest_ticks),
+            *(given.q, given.q_min, given.q_max, given.speed_positive, given.speed_negative, tool),
+            *(spacing_m, farthest, cushion),
+        )
+        self.way = Way(*way)
 
     def way_after(self, command: Floats) -> Way:
-        """Return the same moments of the way to rest after a command (n,)."""
-        low, high = self._rollout.displacements(self._speeds, self._flying, command[None])
-        low, high = self._within_ends(low[0], high[0])
-        return self._seen(0.5 * (low + high), 0.5 * (high - low))
+        """Return the same moments of the way to rest after another command (n,)."""
+        rollout, given = self._rollout, self._given
+        postures, widths = _after(
+            *(self._speeds, self._flying, command, rollout.packed, rollout.marks, self._looked),
+            *(given.q, given.q_min, given.q_max),
+        )
+        return Way(postures, widths, self.way.times)
 
-    def changes(self, rows: Rows, command: int) -> Floats:
-        """Return (r, n) by how much each joint's part of a command changes each slack [m]."""
-        at = self._looked.take(rows.postures)
-        middle = (self._middle[command] - self._middle[NONE]).take(at, axis=0)
-        width = (self._width[command] - self._width[NONE]).take(at, axis=0)
-        found: Floats = rows.rows * middle
-        found -= np.abs(rows.rows) * width
+    def changes(self, rows: Rows) -> Floats:
+        """Return (4, r, n) by how much each joint's part of each command changes each slack [m]."""
+        found: Floats = _changes(rows.rows, rows.postures, self._looked, self._middle, self._width)
         return found
 
-    def ends(self, alpha: float) -> Floats:
-        """Return (4, n) the share of each command that leaves every joint its due before its end.
 
-        One tick uses up at most the share `alpha` of what is left between the joint's end and where it would come to
-        rest.
-        """
-        up, down = self._room[1] - self._high[NONE, -1], self._low[NONE, -1] - self._room[0]
-        shares = np.ones((4, self._rollout.n))
-        for command, upwards in ((WISH, self._wish > 0.0), (PLUS, True), (MINUS, False)):
-            room = np.maximum(np.where(upwards, up, down), 0.0)
-            more = np.where(
-                upwards, self._high[command, -1] - self._high[NONE, -1], self._low[NONE, -1] - self._low[command, -1]
-            )
-            binding = (more > 0.0) & (alpha * room < more)
-            np.divide(alpha * room, more, out=shares[command], where=binding)
-        return shares
+@njit(cache=True)
+def _fly(speeds: Any, flying: Any, sent: Any, ticks: int, model: Any) -> Any:
+    """Return speeds and commands in flight so many ticks later, all of them with the same command."""
+    delay, lag, rate, dt = model
+    count = flying.shape[0]
+    for _ in range(ticks):
+        after = np.empty_like(flying)
+        for i in range(count - 1):
+            after[i] = flying[i + 1]
+        after[count - 1] = sent
+        flying = after
+        moved = np.empty_like(speeds)
+        advance(flying, speeds, delay, lag, rate, dt, moved)
+        speeds = moved
+    return speeds, flying
 
-    def _within_ends(self, low: Floats, high: Floats) -> tuple[Floats, Floats]:
-        """Return displacements that pass no joint's end: there the joint stops."""
-        down, up = np.minimum(self._room[0], 0.0), np.maximum(self._room[1], 0.0)
-        return np.clip(low, down, up), np.clip(high, down, up)
 
-    def _seen(self, middle: Floats, width: Floats) -> Way:
-        ticks = np.minimum(self._rollout.marks.take(self._looked), self._rollout.rest_ticks)
-        return Way(self._q + middle[self._looked], width[self._looked], ticks * self._rollout.dt_s)
+@njit(cache=True)
+def _within(out: Any, q: Any, q_min: Any, q_max: Any, middle: Any, width: Any) -> None:
+    """Fill middle and width (C, M, n) from displacements out (2, C, n, M) that pass no joint's end."""
+    for c in range(middle.shape[0]):
+        for j in range(middle.shape[2]):
+            down, up = min(q_min[j] - q[j], 0.0), max(q_max[j] - q[j], 0.0)
+            for m in range(middle.shape[1]):
+                low = min(max(out[0, c, j, m], down), up)
+                high = min(max(out[1, c, j, m], down), up)
+                middle[c, m, j], width[c, m, j] = 0.5 * (low + high), 0.5 * (high - low)
+
+
+@njit(cache=True)
+def _plan(
+    speeds: Any,
+    flying: Any,
+    wish: Any,
+    model: Any,
+    marks: Any,
+    rest_ticks: float,
+    q: Any,
+    q_min: Any,
+    q_max: Any,
+    positive: Any,
+    negative: Any,
+    tool: Any,
+    spacing: float,
+    farthest: Any,
+    cushion: float,
+) -> Any:
+    """Return middles and widths (4, M, n), the marks looked at, the way's fields, reach and ends, see `Plan`."""
+    delay, lag, rate, dt = model
+    n, total = len(q), len(marks)
+    first = np.zeros((4, n))
+    first[1], first[2], first[3] = wish, positive, -negative
+    out = np.empty((2, 4, n, total))
+    roll(flying, speeds, first, delay, lag, rate, dt, marks, out)
+    middle, width = np.empty((4, total, n)), np.empty((4, total, n))
+    _within(out, q, q_min, q_max, middle, width)
+
+    looked, count, done, before = np.empty(total, np.int64), 0, 0.0, 0.0
+    for m in range(total):
+        moved = 0.0
+        for j in range(n):
+            moved += farthest[j] * abs(middle[0, m, j] - (middle[0, m - 1, j] if m else 0.0))
+        done += moved
+        if count and done - before > spacing and looked[count - 1] != m - 1:  # the mark before this one is needed
+            looked[count], before = m - 1, done - moved
+            count += 1
+        if count == 0 or (m == total - 1 and looked[count - 1] != m):
+            looked[count], before = m, done
+            count += 1
+    looked = looked[:count].copy()
+    postures, widths, times = np.empty((count, n)), np.empty((count, n)), np.empty(count)
+    for p in range(count):
+        times[p] = min(marks[looked[p]], rest_ticks) * dt
+        for j in range(n):
+            postures[p, j], widths[p, j] = q[j] + middle[0, looked[p], j], width[0, looked[p], j]
+
+    reach = np.zeros((1 + n + tool.shape[0], n))
+    for j in range(n):
+        for c in range(1, 4):
+            most = 0.0
+            for m in range(total):
+                change = abs(middle[c, m, j] - middle[0, m, j]) + abs(width[c, m, j] - width[0, m, j])
+                most = max(most, change)
+            if c == 1:
+                reach[0, j] = most
+            else:
+                reach[1 + j, j] = max(reach[1 + j, j], most)
+    for a in range(tool.shape[0]):
+        fastest = 0.0
+        for j in range(n):
+            fastest = max(fastest, abs(tool[a, j]) / min(positive[j], negative[j]))
+        for j in range(n):
+            if fastest > 0.0:
+                share = abs(tool[a, j]) / min(positive[j], negative[j]) / fastest
+                reach[1 + n + a, j] = share * reach[1 + j, j]
+
+    ends, last = np.ones((4, n)), total - 1
+    for c in range(1, 4):
+        for j in range(n):
+            upwards = first[c, j] > 0.0
+            if upwards:
+                room, more = q_max[j] - q[j] - out[1, 0, j, last], out[1, c, j, last] - out[1, 0, j, last]
+            else:
+                room, more = out[0, 0, j, last] - q_min[j] + q[j], out[0, 0, j, last] - out[0, c, j, last]
+            room = cushion * max(room, 0.0)
+            if more > 0.0 and room < more:
+                ends[c, j] = room / more
+    return middle, width, looked, (postures, widths, times), reach, ends
+
+
+@njit(cache=True)
+def _after(
+    speeds: Any, flying: Any, command: Any, model: Any, marks: Any, looked: Any, q: Any, q_min: Any, q_max: Any
+) -> Any:
+    """Return postures and widths (P, n) at the marks looked at, after a command (n,)."""
+    delay, lag, rate, dt = model
+    n, total, count = len(q), len(marks), len(looked)
+    first = np.empty((1, n))
+    first[0] = command
+    out, middle, width = np.empty((2, 1, n, total)), np.empty((1, total, n)), np.empty((1, total, n))
+    roll(flying, speeds, first, delay, lag, rate, dt, marks, out)
+    _within(out, q, q_min, q_max, middle, width)
+    postures, widths = np.empty((count, n)), np.empty((count, n))
+    for p in range(count):
+        for j in range(n):
+            postures[p, j], widths[p, j] = q[j] + middle[0, looked[p], j], width[0, looked[p], j]
+    return postures, widths
+
+
+@njit(cache=True)
+def _changes(rows: Any, postures: Any, looked: Any, middle: Any, width: Any) -> Any:
+    """Return (4, r, n), see `Plan.changes`."""
+    count, n = rows.shape
+    found = np.empty((4, count, n))
+    for c in range(4):
+        for r in range(count):
+            m = looked[postures[r]]
+            for j in range(n):
+                g = rows[r, j]
+                found[c, r, j] = g * (middle[c, m, j] - middle[0, m, j]) - abs(g) * (width[c, m, j] - width[0, m, j])
+    return found

@@ -227,7 +227,6 @@ def _ratio(rows: Floats, least: Floats, direction: Floats) -> tuple[float, int]:
     return most, which
 
 
-@njit(cache=True)
 def _exact(rows: Floats, least: Floats, top: Floats) -> tuple[Floats, Floats, bool]:
     """Return the exact projection, the weights of all rows, and whether it is the best.
 
@@ -235,26 +234,21 @@ def _exact(rows: Floats, least: Floats, top: Floats) -> tuple[Floats, Floats, bo
     it and of the whole wish along their rays: zero always qualifies.
     """
     k, n = rows.shape
-    normals = np.zeros((k + 2 * n, n))
-    offsets = np.full(k + 2 * n, -np.inf)
-    tolerance = np.zeros(k + 2 * n)
-    for i in range(k):
-        length = np.sqrt(np.sum(rows[i] * rows[i]))
-        if length > 0.0:
-            normals[i] = rows[i] / length
-            offsets[i] = least[i] / length
-            tolerance[i] = 0.5 * SHORT / length
-    for j in range(n):
-        normals[k + j, j] = 1.0
-        offsets[k + j] = 0.0
-        normals[k + n + j, j] = -1.0
-        offsets[k + n + j] = -top[j]
-    s, weights, finished = project(np.ones(n), normals, offsets, tolerance)
-    s = np.minimum(np.maximum(s, 0.0), top)
+    lengths = np.sqrt(np.einsum("ij,ij->i", rows, rows))
+    counts = np.flatnonzero(lengths > 0.0)
+    lengths = lengths[counts]
+    normals = np.concatenate((rows[counts] / lengths[:, None], np.eye(n), -np.eye(n)))
+    offsets = np.concatenate((least[counts] / lengths, np.zeros(n), -top))
+    tolerance = np.concatenate((0.5 * SHORT / lengths, np.zeros(2 * n)))
+    point, multipliers, finished = project(np.ones(n), normals, offsets, tolerance)
+    weights = np.zeros(k)
+    weights[counts] = multipliers[: len(counts)]
+    s = np.minimum(np.maximum(point, 0.0), top)
     if not _short(s, rows, least):
-        return s, weights[:k], finished
-    s = s * _ratio(rows, least - 0.5 * SHORT, s)[0]
-    whole = top * _ratio(rows, least - 0.5 * SHORT, top)[0]
-    if np.sum((1.0 - whole) ** 2) < np.sum((1.0 - s) ** 2) or _short(s, rows, least):
+        return s, weights, finished
+    roomy = least - 0.5 * SHORT
+    s = s * _ratio(rows, roomy, s)[0]
+    whole = top * _ratio(rows, roomy, top)[0]
+    if _short(s, rows, least) or np.sum((1.0 - whole) ** 2) < np.sum((1.0 - s) ** 2):
         s = whole
-    return s, weights[:k], False
+    return s, weights, False

@@ -76,6 +76,7 @@ def project(target: Floats, normals: Floats, offsets: Floats, tolerance: Floats)
                 for j in range(n):
                     basis[j, count] = along[j] / upper[count, count]
                 count += 1
+                _meet(point, target, basis, upper, offsets, active, count, inside)
                 break
             for i in range(leaving, count - 1):
                 active[i], held[i] = active[i + 1], held[i + 1]
@@ -90,6 +91,30 @@ def project(target: Floats, normals: Floats, offsets: Floats, tolerance: Floats)
     for i in range(count):
         multipliers[active[i]] = held[i]
     return point, multipliers, left > 0
+
+
+@njit(cache=True)
+def _meet(
+    point: Any, target: Any, basis: Any, upper: Any, offsets: Any, active: Any, count: int, inside: Any
+) -> None:
+    """Set `point` to the projection of `target` where the active constraints are met, free of what steps accumulated.
+
+    The steps alone lose as many digits as the multipliers are long, and between nearly opposed constraints they are.
+    """
+    n = len(point)
+    point[:] = target
+    for i in range(count):
+        inside[i] = offsets[active[i]]
+        for j in range(i):
+            inside[i] -= upper[j, i] * inside[j]
+        inside[i] /= upper[i, i]
+    for _ in range(2):
+        for i in range(count):
+            part = -inside[i]
+            for j in range(n):
+                part += basis[j, i] * point[j]
+            for j in range(n):
+                point[j] -= part * basis[j, i]
 
 
 @njit(cache=True)

@@ -47,8 +47,8 @@ def lever_ranges(
         the intervals, frozen. Numbers that are none leave 0 to 0 where they matter; nothing is raised for them.
     """
     k, n = np.shape(rows_positive)
-    positive = np.empty((2, k, n))
-    positive[0], positive[1] = rows_positive, rows_negative
+    rows = np.empty((2, k, n))
+    rows[0], rows[1] = rows_positive, rows_negative
     speeds = np.array((speed_positive, speed_negative), dtype=np.float64)
     ends = np.ones((2, n))
     if ends_positive is not None:
@@ -57,7 +57,7 @@ def lever_ranges(
         ends[1] = ends_negative
     of = np.arange(k) if clearance_of is None else np.array(clearance_of, dtype=np.int64)
     slack, rates = np.array(slack, dtype=np.float64), np.array(tool_rates, dtype=np.float64)
-    arrays = _ranges(positive, slack, alpha, speeds, rates, ends, of)
+    arrays = _ranges(rows, slack, alpha, speeds, rates, ends, of, SHORT)
     for array in arrays:
         freeze(array)
     return LeverRanges(*arrays)
@@ -70,7 +70,7 @@ def warm_up() -> None:
 
 @njit(cache=True)
 def _ranges(
-    rows: Floats, slack: Floats, alpha: float, speeds: Floats, rates: Floats, ends: Floats, of: Ints
+    rows: Floats, slack: Floats, alpha: float, speeds: Floats, rates: Floats, ends: Floats, of: Ints, short: float
 ) -> tuple[Floats, Floats, Floats, Floats, Ints, Ints, Ints, Ints]:
     """Return the fields of `LeverRanges`. rows (2, k, n), speeds, ends (2, n): positive first, then negative."""
     _, k, n = rows.shape
@@ -81,7 +81,7 @@ def _ranges(
         sign = 1.0 if side == 0 else -1.0
         for j in range(n):
             change[:] = rows[side, :, j]
-            most, row = _furthest(change, slack, alpha, ends[side, j])
+            most, row = _furthest(change, slack, alpha, ends[side, j], short)
             joints[side, j] = sign * most * speeds[side, j] + 0.0  # no minus zero
             joints_by[side, j] = of[row] if row >= 0 else -1
         for axis in range(3):
@@ -100,14 +100,14 @@ def _ranges(
             if not moves or not most > 0.0:
                 continue
             change *= most
-            part, row = _furthest(change, slack, alpha, 1.0)
+            part, row = _furthest(change, slack, alpha, 1.0, short)
             tool[side, axis] = sign * most * part + 0.0
             tool_by[side, axis] = of[row] if row >= 0 else -1
     return joints[1], joints[0], tool[1], tool[0], joints_by[1], joints_by[0], tool_by[1], tool_by[0]
 
 
 @njit(cache=True)
-def _furthest(change: Any, slack: Any, alpha: float, most: float) -> tuple[float, int]:
+def _furthest(change: Any, slack: Any, alpha: float, most: float, short: float) -> tuple[float, int]:
     """Return the largest share, at most `most`, of a motion that changes the slacks by `change`, and what ends it."""
     if not most > 0.0:
         return 0.0, -1
@@ -116,6 +116,6 @@ def _furthest(change: Any, slack: Any, alpha: float, most: float) -> tuple[float
         least = -alpha * max(slack[i], 0.0)
         if not (np.isfinite(change[i]) and least <= 0.0):
             return 0.0, i
-        if change[i] * most < least - SHORT and least / change[i] < most:
+        if change[i] * most < least - short:
             most, which = least / change[i], i
     return most, which

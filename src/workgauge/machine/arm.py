@@ -1,5 +1,6 @@
 """The arm at many postures at once: where its joints and boxes are, in compiled code; the same as `MachineModel`."""
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -36,6 +37,7 @@ class Arm:
         stretch: (S, 3) joint that lengthens the box (-1: none), the box's axis, and the side that moves.
         levers: (S, n) no point of the box is farther from a turning joint's axis [m]; 1 or 2 for sliding joints, 0
             for joints that do not move it.
+        farthest: (n,) the largest lever of each joint [m]. packed: what `place` takes, and the levers.
         reach_m: no point is farther from the machine frame's origin, nor from a turning joint's axis [m].
     """
 
@@ -52,6 +54,11 @@ class Arm:
         self.prismatic: Ints = frozen_ints(machine.prismatic.astype(np.int64))
         self.stretch: Ints = frozen_ints([solid.stretch or (-1, 0, 0) for solid in machine.solids])
         self.levers, self.reach_m = self._bounds(machine)
+        self.farthest: Floats = frozen(self.levers.max(axis=0, initial=0.0))
+        self.packed = (
+            *(self._steps, self._axes, self.prismatic, self._boxes, self._halves),
+            *(self.links, self.stretch, self.levers),
+        )
 
     def at(self, T_frame_machine: Floats, postures: Floats) -> ArmAt:
         """Return the arm at postures (P, n) of a machine at T_frame_machine (4, 4)."""
@@ -62,7 +69,7 @@ class Arm:
             np.empty((count, boxes, 3, 3)),
             np.empty((count, boxes, 8, 3)),
         )
-        _place(
+        place(
             np.ascontiguousarray(T_frame_machine),
             np.ascontiguousarray(postures),
             *(self._steps, self._axes, self.prismatic, self._boxes, self._halves, self.links, self.stretch),
@@ -88,6 +95,12 @@ class Arm:
         return levers, farthest
 
 
+@functools.lru_cache(maxsize=16)
+def arm_of(machine: MachineModel) -> Arm:
+    """Return a machine's chain and boxes, packed once for each machine."""
+    return Arm(machine)
+
+
 @njit(cache=True)
 def _product(A: Any, B: Any, out: Any) -> None:
     """Fill out (4, 4) with the product of two rigid transforms; its last row is left alone."""
@@ -110,7 +123,7 @@ def _turn(axis: Any, angle: float, out: Any) -> None:
 
 
 @njit(cache=True)
-def _place(
+def place(
     T: Any,
     q: Any,
     steps: Any,
@@ -125,7 +138,7 @@ def _place(
     rotations: Any,
     corners: Any,
 ) -> None:
-    """Fill axes, origins, rotations and corners, see `ArmAt`."""
+    """Fill axes, origins, rotations and corners, see `ArmAt`; T (4, 4), q (P, n), the rest is `Arm.packed`."""
     n = q.shape[1]
     frames = np.zeros((n + 1, 4, 4))
     motion, step, box = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((4, 4))

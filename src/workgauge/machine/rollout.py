@@ -127,7 +127,7 @@ def _commands(sent: Any, j: int, times: Any, asked: Any) -> int:
 
 
 @njit(cache=True)
-def _roll(sent: Any, v: Any, first: Any, delay: Any, lag: Any, rate: Any, dt: float, marks: Any, out: Any) -> None:
+def roll(sent: Any, v: Any, first: Any, delay: Any, lag: Any, rate: Any, dt: float, marks: Any, out: Any) -> None:
     """Fill out (2, C, n, M) with the least and greatest displacement of every joint at each mark (M).
 
     sent (H, n): velocities commanded so far, the last one acting until now. v (V, n): speeds now. first (C, n): the
@@ -214,7 +214,7 @@ def _known(first: Any, c: int, j: int) -> int:
 
 
 @njit(cache=True)
-def _advance(sent: Any, v: Any, delay: Any, lag: Any, rate: Any, dt: float, out: Any) -> None:
+def advance(sent: Any, v: Any, delay: Any, lag: Any, rate: Any, dt: float, out: Any) -> None:
     """Fill out (V, n) with the speeds now, v (V, n) being those a tick ago."""
     times, asked, none = np.empty(sent.shape[0] + 1), np.empty(sent.shape[0] + 1), np.empty(0)
     marks = np.empty(0, np.int64)
@@ -271,6 +271,7 @@ class Rollout:
         marks: (M,) the moments looked at, in ticks from now; the last stands for rest.
         rest_ticks: until all but a thousandth of any speed is gone.
         memory: commands this many ticks old may still act.
+        packed: what `roll` and `advance` take of the model: delays, lags, rates (V, n, 2), the tick's period.
     """
 
     def __init__(
@@ -284,11 +285,12 @@ class Rollout:
         corners = model.corners()
         self.dt_s = dt_s
         late = np.array([TIMING, 0.0, -TIMING])[np.arange(len(corners)) * 3 // len(corners)]
-        self._delay = np.stack([one.dead_time_s.T for one in corners]) / dt_s + late[:, None, None]
-        self._delay = np.maximum(self._delay, 0.0)
-        self._lag = np.stack([one.lag_s.T for one in corners])
-        self._rate = np.minimum(np.stack([one.deceleration.T for one in corners]), INSTANT)
-        self.memory = math.ceil(float(self._delay.max(initial=0.0))) + 2
+        delay = np.stack([one.dead_time_s.T for one in corners]) / dt_s + late[:, None, None]
+        lag = np.stack([one.lag_s.T for one in corners])
+        rate = np.minimum(np.stack([one.deceleration.T for one in corners]), INSTANT)
+        # in memory one joint's numbers lie side by side, whatever the shapes they came from
+        self.packed = np.maximum(delay, 0.0).copy(), lag.copy(), rate.copy(), float(dt_s)
+        self.memory = math.ceil(float(self.packed[0].max(initial=0.0))) + 2
         self.marks = _marks(model, dt_s, np.stack([speed_positive, speed_negative]), dense_s).astype(np.float64)
         self.rest_ticks = float(self.marks[-1])
         self.marks[-1] = FOR_EVER / dt_s
@@ -301,15 +303,12 @@ class Rollout:
     def advanced(self, v: Floats, sent: Floats) -> Floats:
         """Return the speeds (V, n) one tick later; sent (H, n) has the command of that tick as its last."""
         out = np.empty_like(v)
-        _advance(sent, v, self._delay, self._lag, self._rate, self.dt_s, out)
+        advance(sent, v, *self.packed, out)
         return out
 
     def displacements(self, v: Floats, sent: Floats, first: Floats) -> tuple[Floats, Floats]:
         """Return the least and the greatest displacement (C, M, n) at each mark, for each first command (C, n)."""
         out = np.empty((2, len(first), self.n, len(self.marks)))
-        _roll(
-            *(sent, v, first, self._delay, self._lag, self._rate),
-            *(self.dt_s, self.marks, out),
-        )
+        roll(sent, v, first, *self.packed, self.marks, out)
         found = out.transpose(0, 1, 3, 2)
         return found[0], found[1]

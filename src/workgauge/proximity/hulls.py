@@ -22,6 +22,7 @@ class Hulls:
 
     Attributes:
         corners: (v, 3), of hull h those from starts[h] to starts[h + 1]. normals: (f, 3), likewise by faces[h].
+        of_cell: (cells,) the hull of each cell of the scene, -1 while it has none.
         radii: (h) by which a hull is thicker than its corners [m].
     """
 
@@ -29,23 +30,19 @@ class Hulls:
         self._shapes = shapes
         self._cell_radii = radii.take(limits) if len(limits) else np.empty(0)
         self._surfaces = surfaces
-        self._of_cell = np.full(len(limits), -1)
+        self.of_cell: Ints = np.full(len(limits), -1)
         self._of_triangle = [np.full(one.count, -1) for one in surfaces]
         self.corners, self.normals = np.empty((8 * _FIRST, 3)), np.empty((8 * _FIRST, 3))
         self.starts, self.faces = np.zeros(_FIRST + 1, np.int64), np.zeros(_FIRST + 1, np.int64)
         self.radii = np.zeros(_FIRST)
         self._count = 0
 
-    def of_cells(self, cells: Ints) -> Ints:
-        """Return the hulls of cells, by their numbers among all cells of the scene."""
-        found: Ints = self._of_cell.take(cells)
-        for i in np.flatnonzero(found < 0).tolist():
-            cell = int(cells[i])
-            if self._of_cell[cell] < 0:
+    def add_cells(self, cells: Ints) -> None:
+        """Pack the cells of these numbers among all cells of the scene, if they are not yet."""
+        for cell in cells.tolist():
+            if self.of_cell[cell] < 0:
                 solid = self._shapes.polyhedron(cell)
-                self._of_cell[cell] = self._add(solid.vertices, solid.normals, float(self._cell_radii[cell]))
-            found[i] = self._of_cell[cell]
-        return found
+                self.of_cell[cell] = self._add(solid.vertices, solid.normals, float(self._cell_radii[cell]))
 
     def of_triangles(self, surface: int, triangles: Ints) -> Ints:
         """Return the hulls of triangles of one of the scene's surfaces."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from workgauge.machine.arm import Arm
+from workgauge.machine.arm import arm_of
 from workgauge.machine.model import Kinematics, MachineModel
 from workgauge.proximity.cells import OrientedBoxes, cut
 from workgauge.proximity.chain import penetrate
@@ -58,7 +58,8 @@ class Scene:
         largest_stop_m: largest stop distance of a limit's own, or of the machine's links' own [m].
         arm: the machine's, packed. hulls: the limits' cells, packed.
         cell_ranges: (limits + 1,), limit i has the cells from [i] to [i + 1]. cell_boxes: lows and highs (cells, 3).
-        surfaces: index of a limit to the number of its surface. moving: limits with a velocity.
+        surfaces: index of a limit to the number of its surface. no_triangles: two empty columns.
+        moving: limits with a velocity.
         pairs: (p, 2) solids of different links to be kept apart, first the one that moves.
     """
 
@@ -94,7 +95,8 @@ class Scene:
         self.surfaces = {i: number for number, (i, _) in enumerate(self._surfaces)}
         ground = [surface for _, surface in self._surfaces]
         self.hulls = Hulls(self._shapes, np.array(self._radii), self._cells.limits, ground)
-        self.arm = Arm(machine)
+        self.arm = arm_of(machine)
+        self.no_triangles = frozen_ints([]), frozen_ints([])
         self.moving = tuple(i for i, limit in enumerate(self.limits) if limit.velocity.any())
         # of two links, the one farther out is the one that moves, the other its limit
         pairs = [(j, i) if self._links[j] > self._links[i] else (i, j) for i, j in machine.self_pairs]

@@ -4,15 +4,18 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numba import njit
 
+from workgauge.machine.arm import place
 from workgauge.proximity.protection import link_turns, second_order
 from workgauge.proximity.surroundings import Surroundings
-from workgauge.proximity.sweep import bounds, cells_near, emit, shortfall
+from workgauge.proximity.sweep import bounds, emit, shortfall
 from workgauge.proximity.uncertainty import own_place
 from workgauge.values.arrays import Floats, Ints
 from workgauge.values.clearances import Clearances
 
-_ROOM = 512
+#: Twists, places and whether they move, of limits of which none does.
+_STILL = np.empty((0, 6)), np.empty((0, 3)), np.empty(0, np.bool_)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,16 +51,17 @@ class Stop:
     """The pairs that may matter on one way to rest, and what slack they have.
 
     Slack is what a clearance has above its stop distance and protection level; it is a proven lower bound, see
-    `sweep`. Pairs left out have at least `band_m` everywhere on the way.
+    `sweep`. Pairs left out have more than one tick can use up.
 
     Args:
         around: the surroundings. clearances: of the present posture q (n,), complete to `reach_m`.
         way: postures to look at. stop_distance_m: for limits that have none of their own.
-        margin_m: kept besides. band_m: slack up to here is looked at closely.
+        margin_m: kept besides. reach: (c, n) [rad, m] slacks below `|row| . reach` of any are looked at closely.
 
     Attributes:
         reach_m: how far clearances had to be known. clearances: those given.
-        slack: (m, P) least slack of each pair on the way to each posture [m].
+        slack: (m, P) least slack of each pair on the way to each posture [m], infinite where it cannot matter.
+        rows: every corner with less slack than `|row| . reach` for some reach.
     """
 
     def __init__(
@@ -69,155 +73,94 @@ class Stop:
         *,
         stop_distance_m: float,
         margin_m: float,
-        band_m: float,
+        reach: Floats,
     ) -> None:
-        scene = around.scene
-        self._around, self._band, self.clearances = around, band_m, clearances
-        self._arm = self._packed(way)
-        stops = np.where(np.isnan(clearances.stop_distances), stop_distance_m, clearances.stop_distances)
-        need = stops + margin_m
-        moved = (np.abs(way.postures - q) + way.widths).max(axis=0)
-        far = scene.arm.levers @ moved
-        approach = _approach(around, clearances, float(way.times[-1]))
-        # how near a pair may come: its own way, all protection, what moves towards it
-        room = need + around.largest_m + band_m + approach
-        near = np.flatnonzero(clearances.distances < room + far.take(clearances.solids))
-        self.reach_m = float(far.max(initial=0.0)) + around.largest_m + band_m + margin_m
+        scene, arm = around.scene, around.scene.arm
+        self._around, self.clearances, self._reach = around, clearances, np.ascontiguousarray(reach)
+        self._band = float((reach @ arm.farthest).max()) + margin_m
+        until_s = float(way.times[-1])
+        approach = _approach(around, clearances, until_s) if scene.moving else np.zeros(0)
+        self._arm, far, need, near, low, high = _near(
+            *(around.T_site_machine, q, way.postures, way.widths, arm.packed),
+            *(clearances.distances, clearances.stop_distances, clearances.solids, approach),
+            *(stop_distance_m, margin_m, around.largest_m, self._band),
+        )
+        self.reach_m = far + around.largest_m + self._band + margin_m
         self.reach_m += max(stop_distance_m, scene.largest_stop_m) + float(approach.max(initial=0.0))
-        self._pairs = self._paired(clearances, near, need, room, way)
-        self._doubt = self._doubted(way)
+        room = (need, float(around.largest_m + self._band), approach)
+        triangles = self._triangles(near, low, high, room) if scene.surfaces else scene.no_triangles
+        unsure, integrity = around.unsure, around.integrity
+        self._doubt = (
+            *(unsure.exact, unsure.covariance, float(integrity.k), float(integrity.bias_m)),
+            *(max(around.largest_m - integrity.bias_m, 0.0), around.T_site_machine[:3, 3].copy(), way.times),
+        )
+        variance, extra = self._unsure()
+        speed, place_, moving = self._motion() if scene.moving else _STILL
         hulls = scene.hulls
-        self._hulls = (hulls.corners, hulls.starts, hulls.normals, hulls.faces, hulls.radii)
-        count = len(self._pairs[0])
-        self.slack = np.empty((count, len(way.postures)))
-        self._ways = np.empty((count, len(way.postures), 3))
-        if count:
-            bounds(self._arm, self._pairs, self._hulls, self._doubt, band_m, self.slack, self._ways)
-
-    def rows(self, reach: Floats) -> Rows:
-        """Return every corner with `slack < |row| . reach`, reach (n,) [rad, m] being such that the band covers it."""
-        n, room = self._arm[0].shape[1], _ROOM
+        columns = (clearances.solids, clearances.other_links, clearances.limits)
         while True:
-            slack, rows, which = np.empty(room), np.empty((room, n)), np.empty((room, 2), np.int64)
-            count = 0
-            if len(self.slack):
-                count = emit(
-                    *(self._arm, self._pairs, self._hulls, self._doubt, self._band, reach),
-                    *(self.slack, self._ways, slack, rows, which),
-                )
-            if count <= room:
+            packed = (hulls.corners, hulls.starts, hulls.normals, hulls.faces, hulls.radii)
+            found, missing = _gather(
+                *(near, low, high, room, columns, clearances.normals, variance, extra, speed, place_, moving),
+                *(scene.cell_ranges, hulls.of_cell, *scene.cell_boxes, *triangles, scene.pairs, arm.links),
+            )
+            if not len(missing):
                 break
-            room = count
-        pairs, postures = which[:count, 0], which[:count, 1]
-        return Rows(slack[:count], rows[:count], postures, self._rows_of.take(pairs))
+            hulls.add_cells(missing)
+        self._pairs, self._of, self._hulls = found[:-1], found[-1], packed
+        self.slack, self._ways, *rows = _examine(self._arm, self._pairs, packed, self._doubt, self._reach, self._of)
+        self.rows = Rows(*rows)
 
     def shortfall(self, way: Way) -> float:
         """Return by how much another way, as many postures, would fall short of this one's slack or of none [m]."""
         if not len(self.slack):
             return -np.inf
-        arm = self._packed(way)
-        found: float = shortfall(arm, self._pairs, self._hulls, self._doubt, self._band, self.slack, self._ways)
+        T = self._around.T_site_machine
+        arm = _placed(T, way.postures, way.widths, self._around.scene.arm.packed)
+        found: float = shortfall(arm, self._pairs, self._hulls, self._doubt, self._reach, self.slack, self._ways)
         return found
 
-    def _packed(self, way: Way) -> tuple[Any, ...]:
-        arm = self._around.scene.arm
-        at = arm.at(self._around.T_site_machine, way.postures)
-        spread = way.widths @ arm.levers.T
-        spread = spread + 0.5 * spread * way.widths.sum(axis=1)[:, None]
-        return (
-            *(at.axes, at.origins, at.rotations, at.corners),
-            *(arm.prismatic, arm.links, arm.stretch, arm.levers, way.widths, spread),
-        )
+    def _triangles(self, near: Ints, low: Floats, high: Floats, room: Any) -> tuple[Ints, Ints]:
+        """Return (rows, hulls) of the ground near the ways of the solids that may come near it."""
+        scene, clearances = self._around.scene, self.clearances
+        rows, hulls = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+        need, more, approach = room
+        for row in near.tolist():
+            surface = scene.surfaces.get(int(clearances.limits[row]))
+            if surface is None or clearances.other_links[row] >= 0:
+                continue
+            s = int(clearances.solids[row])
+            wide = float(need[row]) + more + (float(approach[row]) if len(approach) else 0.0)
+            found = scene.triangles_near(surface, low[s] - wide, high[s] + wide)
+            rows.append(np.full(len(found), row))
+            hulls.append(scene.hulls.of_triangles(surface, found))
+        return np.concatenate(rows), np.concatenate(hulls)
 
-    def _paired(self, clearances: Clearances, near: Ints, need: Floats, room: Floats, way: Way) -> tuple[Any, ...]:
-        """Return the pairs as `sweep` wants them: which solid, which hull or other solid, and what each needs."""
-        scene = self._around.scene
-        corners = self._arm[3]
-        spread = self._arm[9].max(axis=0)[:, None]
-        low, high = corners.min(axis=(0, 2)) - spread, corners.max(axis=(0, 2)) + spread
-        own = clearances.other_links.take(near) >= 0
-        rows, others, kinds = [], [], []
-        outside = near[~own]
-        if outside.size:
-            for found, hulls in self._hulls_near(clearances, outside, low, high, room):
-                rows.append(found)
-                others.append(hulls)
-                kinds.append(np.zeros(len(found), np.bool_))
-        for row in near[own].tolist():
-            both = scene.pairs[scene.pairs[:, 0] == clearances.solids[row]]
-            match = both[scene.arm.links.take(both[:, 1]) == clearances.other_links[row], 1]
-            rows.append(np.full(len(match), row))
-            others.append(match)
-            kinds.append(np.ones(len(match), np.bool_))
-        none = np.empty(0, np.int64)
-        which = np.concatenate([none, *rows])
-        self._rows_of = which
-        variance, extra = self._unsure(clearances, which)
-        speed, place, moving = _motion(self._around, clearances, which)
-        return (
-            clearances.solids.take(which),
-            np.concatenate([none, *others]),
-            np.concatenate([np.empty(0, np.bool_), *kinds]),
-            np.ascontiguousarray(clearances.normals.take(which, axis=0)),
-            need.take(which),
-            *(variance, extra, speed, place, moving),
-        )
-
-    def _hulls_near(
-        self, clearances: Clearances, near: Ints, low: Floats, high: Floats, room: Floats
-    ) -> list[tuple[Ints, Ints]]:
-        """Return (rows, hulls) of the limits' cells and triangles near the solids' ways."""
-        scene = self._around.scene
-        limits = clearances.limits.take(near)
-        found: list[tuple[Ints, Ints]] = []
-        ground = np.isin(limits, list(scene.surfaces)) if scene.surfaces else np.zeros(len(near), np.bool_)
-        for row in near[ground].tolist():
-            s, surface = int(clearances.solids[row]), scene.surfaces[int(clearances.limits[row])]
-            triangles = scene.triangles_near(surface, low[s] - room[row], high[s] + room[row])
-            found.append((np.full(len(triangles), row), scene.hulls.of_triangles(surface, triangles)))
-        cells = near[~ground]
-        if cells.size:
-            ranges = scene.cell_ranges
-            first, last = ranges.take(clearances.limits, mode="clip"), ranges.take(clearances.limits + 1, mode="clip")
-            size = _ROOM
-            while True:
-                out = np.empty((size, 2), np.int64)
-                args = (cells, clearances.solids, first, last, *scene.cell_boxes, room, out)
-                count = cells_near(low, high, *args)
-                if count <= size:
-                    break
-                size = count
-            found.append((out[:count, 0], scene.hulls.of_cells(out[:count, 1])))
-        return found
-
-    def _doubted(self, way: Way) -> tuple[Any, ...]:
-        around = self._around
-        unsure, integrity = around.unsure, around.integrity
-        largest = max(around.largest_m - integrity.bias_m, 0.0)
-        return (
-            *(unsure.exact, unsure.covariance, float(integrity.k), float(integrity.bias_m), largest),
-            *(np.ascontiguousarray(around.T_site_machine[:3, 3]), way.times),
-        )
-
-    def _unsure(self, clearances: Clearances, which: Ints) -> tuple[Floats, Floats]:
-        """Return, for each pair, the variance that has no direction [m^2] and the second order of turning [m]."""
-        around, scene = self._around, self._around.scene
+    def _unsure(self) -> tuple[Floats, Floats]:
+        """Return, of each clearance, the variance that has no direction [m^2] and the second order of turning [m]."""
+        around, scene, clearances = self._around, self._around.scene, self.clearances
         machine, limits, k = scene.machine, scene.uncertainty, around.integrity.k
-        links, others = clearances.links.take(which), clearances.other_links.take(which)
-        of = clearances.limits.take(which)
+        if (
+            around.unsure.exact
+            and not len(limits.places)
+            and not limits.largest_variance + around.unsure.tool_sigma_m
+        ):
+            none = np.zeros(len(clearances))
+            return none, none
+        links, others, of = clearances.links, clearances.other_links, clearances.limits
         variance = limits.variances.take(of)
         if around.unsure.tool_sigma_m:
             tool = (links == machine.tool_link) | (others == machine.tool_link)
             variance = variance + tool * around.unsure.tool_sigma_m**2
         if around.unsure.exact and not len(limits.places):
-            return variance, np.zeros(len(which))
+            return variance, np.zeros(len(of))
         turns, own_turn, slide = link_turns(around.unsure, machine.prismatic.tolist())
         turn = np.where(others < 0, turns.take(links), own_turn)
         arm: float | Floats = scene.arm.reach_m
         if len(limits.places):
             poses = limits.poses.take(of)
             places, covariances = limits.places[poses], limits.covariances[poses]
-            far = np.linalg.norm(clearances.points_machine.take(which, axis=0) - places, axis=1) + arm
+            far = np.linalg.norm(clearances.points_machine - places, axis=1) + arm
             shift = np.sqrt(np.trace(covariances[:, :3, :3], axis1=1, axis2=2))
             own = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2))
             moves = poses >= 0
@@ -226,6 +169,17 @@ class Stop:
             arm = arm + moves * far
         return variance, second_order(k, turn, arm, slide)
 
+    def _motion(self) -> tuple[Floats, Floats, Any]:
+        """Return the twist (k, 6) of each clearance's limit, the place (k, 3) it turns about, if it moves (k,)."""
+        clearances, scene = self.clearances, self._around.scene
+        speed, place_ = np.zeros((len(clearances), 6)), np.zeros((len(clearances), 3))
+        moving = np.zeros(len(clearances), np.bool_)
+        for i in scene.moving:
+            rows = (clearances.limits == i) & (clearances.other_links < 0)
+            speed[rows], place_[rows] = scene.limits[i].velocity, own_place(scene.limits[i].solid)
+            moving |= rows
+        return speed, place_, moving
+
 
 def _approach(around: Surroundings, clearances: Clearances, until_s: float) -> Floats:
     """Return how far each clearance's limit may move in a time, whichever way (k,) [m]."""
@@ -233,21 +187,177 @@ def _approach(around: Surroundings, clearances: Clearances, until_s: float) -> F
     for i in scene.moving:
         limit, cells = scene.limits[i], slice(*scene.cell_ranges[i : i + 2])
         lows, highs = scene.cell_boxes
-        place = own_place(limit.solid)
-        apart = np.maximum(np.abs(lows[cells] - place), np.abs(highs[cells] - place))
+        middle = own_place(limit.solid)
+        apart = np.maximum(np.abs(lows[cells] - middle), np.abs(highs[cells] - middle))
         size = float(np.sqrt((apart * apart).sum(axis=1)).max(initial=0.0))
         speed = np.linalg.norm(limit.velocity[:3]) + size * np.linalg.norm(limit.velocity[3:])
         way[(clearances.limits == i) & (clearances.other_links < 0)] = float(speed) * until_s
     return way
 
 
-def _motion(around: Surroundings, clearances: Clearances, which: Ints) -> tuple[Floats, Floats, Any]:
-    """Return the twist (m, 6) of each pair's limit, the place (m, 3) it turns about, and whether it moves (m,)."""
-    speed, place = np.zeros((len(which), 6)), np.zeros((len(which), 3))
-    moving = np.zeros(len(which), np.bool_)
-    for i in around.scene.moving:
-        rows = (clearances.limits.take(which) == i) & (clearances.other_links.take(which) < 0)
-        limit = around.scene.limits[i]
-        speed[rows], place[rows] = limit.velocity, own_place(limit.solid)
-        moving |= rows
-    return speed, place, moving
+@njit(cache=True)
+def _placed(T: Any, postures: Any, widths: Any, packed: Any) -> Any:
+    """Return the arm along a way, as `sweep` wants it."""
+    steps, joint_axes, prismatic, boxes, halves, links, stretch, levers = packed
+    count, n, solids = postures.shape[0], postures.shape[1], len(links)
+    axes, origins = np.empty((count, n, 3)), np.empty((count, n, 3))
+    rotations, corners = np.empty((count, solids, 3, 3)), np.empty((count, solids, 8, 3))
+    place(T, postures, steps, joint_axes, prismatic, boxes, halves, links, stretch, axes, origins, rotations, corners)
+    spread = np.zeros((count, solids))
+    for p in range(count):
+        whole = 0.0
+        for j in range(n):
+            whole += widths[p, j]
+        if whole > 0.0:
+            for s in range(solids):
+                first = 0.0
+                for j in range(n):
+                    first += levers[s, j] * widths[p, j]
+                spread[p, s] = first * (1.0 + whole)
+    return axes, origins, rotations, corners, prismatic, links, stretch, levers, widths, spread
+
+
+@njit(cache=True)
+def _near(
+    T: Any,
+    q: Any,
+    postures: Any,
+    widths: Any,
+    packed: Any,
+    distances: Any,
+    stop_distances: Any,
+    solids: Any,
+    approach: Any,
+    stop: float,
+    margin: float,
+    largest: float,
+    band: float,
+) -> Any:
+    """Return the arm on its way, how far a corner moves at most, what each clearance needs, which may come near, and
+    the boxes (low, high) (S, 3) around the solids' ways."""
+    arm = _placed(T, postures, widths, packed)
+    corners, levers, spread = arm[3], arm[7], arm[9]
+    count, boxes = postures.shape[0], levers.shape[0]
+    far, farthest = np.zeros(boxes), 0.0
+    for j in range(postures.shape[1]):
+        moved = 0.0
+        for p in range(count):
+            moved = max(moved, abs(postures[p, j] - q[j]) + widths[p, j])
+        for s in range(boxes):
+            far[s] += levers[s, j] * moved
+    low, high = np.empty((boxes, 3)), np.empty((boxes, 3))
+    for s in range(boxes):
+        farthest = max(farthest, far[s])
+        for c in range(3):
+            low[s, c], high[s, c] = np.inf, -np.inf
+            for p in range(count):
+                for k in range(8):
+                    low[s, c] = min(low[s, c], corners[p, s, k, c] - spread[p, s])
+                    high[s, c] = max(high[s, c], corners[p, s, k, c] + spread[p, s])
+    total = len(distances)
+    need, near, found = np.empty(total), np.empty(total, np.int64), 0
+    for r in range(total):
+        need[r] = (stop if np.isnan(stop_distances[r]) else stop_distances[r]) + margin
+        room = need[r] + largest + band + (approach[r] if len(approach) > 0 else 0.0)
+        if distances[r] < room + far[solids[r]]:
+            near[found] = r
+            found += 1
+    return arm, farthest, need, near[:found], low, high
+
+
+@njit(cache=True)
+def _gather(
+    near: Any,
+    low: Any,
+    high: Any,
+    room: Any,
+    columns: Any,
+    normals: Any,
+    variance: Any,
+    extra: Any,
+    speed: Any,
+    places: Any,
+    moving: Any,
+    ranges: Any,
+    hull_of: Any,
+    cell_lows: Any,
+    cell_highs: Any,
+    ground_rows: Any,
+    ground_hulls: Any,
+    own_pairs: Any,
+    solid_links: Any,
+) -> Any:
+    """Return the pairs of solid and hull (or other solid) that may come near, as `sweep` wants them, their rows; and
+    the cells that have no hull yet: while there are any, the pairs are not complete."""
+    solids, others, limits = columns
+    need, more, approach = room
+    size, count, lacking = 64, 0, 0
+    rows, mates = np.empty(size, np.int64), np.empty(size, np.int64)
+    missing = np.empty(len(hull_of) if len(hull_of) < 4096 else 4096, np.int64)
+    for r in near:
+        s = solids[r]
+        own = others[r] >= 0
+        first, last = 0, len(own_pairs)
+        if not own:
+            first, last = ranges[limits[r]], ranges[limits[r] + 1]
+        wide = need[r] + more + (approach[r] if len(approach) > 0 else 0.0)
+        for cell in range(first, last):
+            if own:
+                if own_pairs[cell, 0] != s or solid_links[own_pairs[cell, 1]] != others[r]:
+                    continue
+                mate = own_pairs[cell, 1]
+            else:
+                gap = 0.0
+                for c in range(3):
+                    apart = max(cell_lows[cell, c] - high[s, c], low[s, c] - cell_highs[cell, c])
+                    if apart > 0.0:
+                        gap += apart * apart
+                if gap >= wide * wide:
+                    continue
+                mate = hull_of[cell]
+                if mate < 0:
+                    if lacking < len(missing):
+                        missing[lacking] = cell
+                        lacking += 1
+                    continue
+            if count == size:
+                rows, mates = np.concatenate((rows, rows)), np.concatenate((mates, mates))
+                size *= 2
+            rows[count], mates[count] = r, mate
+            count += 1
+    total = count + len(ground_rows)
+    of, other = np.empty(total, np.int64), np.empty(total, np.int64)
+    of[:count], other[:count] = rows[:count], mates[:count]
+    of[count:], other[count:] = ground_rows, ground_hulls
+    which, own_of, given = np.empty(total, np.int64), np.empty(total, np.bool_), np.empty((total, 3))
+    needs, variances, extras = np.empty(total), np.empty(total), np.empty(total)
+    speeds, about, moves = np.zeros((total, 6)), np.zeros((total, 3)), np.zeros(total, np.bool_)
+    for i in range(total):
+        r = of[i]
+        which[i], own_of[i] = solids[r], others[r] >= 0
+        needs[i], variances[i], extras[i] = need[r], variance[r], extra[r]
+        for c in range(3):
+            given[i, c] = normals[r, c]
+        if len(moving) > 0 and moving[r]:
+            moves[i] = True
+            speeds[i], about[i] = speed[r], places[r]
+    return (which, other, own_of, given, needs, variances, extras, speeds, about, moves, of), missing[:lacking]
+
+
+@njit(cache=True)
+def _examine(arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, of: Any) -> Any:
+    """Return the slack and ways of `bounds`, and the columns of `Rows`."""
+    total, count, n = len(of), arm[0].shape[0], arm[0].shape[1]
+    slack, ways = np.empty((total, count)), np.empty((total, count, 3))
+    bounds(arm, pairs, hulls, doubt, reach, slack, ways)
+    room = 64
+    while True:
+        left, rows, which = np.empty(room), np.empty((room, n)), np.empty((room, 2), np.int64)
+        found = emit(arm, pairs, hulls, doubt, reach, slack, ways, left, rows, which)
+        if found <= room:
+            break
+        room = found
+    postures, clearances = np.empty(found, np.int64), np.empty(found, np.int64)
+    for i in range(found):
+        postures[i], clearances[i] = which[i, 1], of[which[i, 0]]
+    return slack, ways, left[:found], rows[:found], postures, clearances

@@ -17,102 +17,109 @@ from numba import njit
 
 from workgauge.proximity.separation import lowest, separating
 
-#: Slacks are computed corner by corner where a coarser bound is below the band by more than this [m].
-_NOTHING = 1e-12
-
 
 @njit(cache=True)
 def _corner_slacks(
-    p: int, i: int, u: Any, arm: Any, pairs: Any, hulls: Any, doubt: Any, out: Any, rows: Any, band: float
-) -> float:
-    """Fill out (8,) with the slack of each corner of pair i's solid at posture p and rows (8, n); return the least.
+    p: int, i: int, u: Any, arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, out: Any, rows: Any
+) -> tuple[float, float]:
+    """Fill out (8,) with the slack of each corner of pair i's solid at posture p and rows (8, n).
 
-    If a coarser bound already exceeds `band`, that is returned and nothing is filled.
+    Returns the least slack, and the least of `slack - |row| . reach` over the corners and all of reach (c, n). If a
+    coarser bound shows that the latter is not below zero, nothing is filled and both are that bound.
     """
     axes, origins, rotations, corners, prismatic, links, stretch, levers, width, spread = arm
-    solids, others, own, _, need, variance, extra, speed, place, moving = pairs
-    points, starts, _, _, radii = hulls
-    exact, covariance, k, bias, largest, place_machine, times = doubt
+    solids, others, own, _, need, variance, extra, _, _, moving = pairs
+    exact, covariance, k, bias, largest, origin, times = doubt
     n = axes.shape[1]
     s, o = solids[i], others[i]
     ux, uy, uz = u[0], u[1], u[2]
     body = corners[p, s]
-    other = corners[p, o] if own[i] else points[starts[o] : starts[o + 1]]
+    other = corners[p, o] if own[i] else hulls[0][hulls[1][o] : hulls[1][o + 1]]
     y = lowest(other, -ux, -uy, -uz)
     yx, yy, yz = other[y, 0], other[y, 1], other[y, 2]
     plane = ux * yx + uy * yy + uz * yz + need[i]
-    if not own[i]:
-        plane += radii[o]
-    if moving[i]:
-        plane += _approach(i, u, other, speed, place) * times[p]
-    x = lowest(body, ux, uy, uz)
-    nearest = body[x, 0] * ux + body[x, 1] * uy + body[x, 2] * uz - plane
     loose = spread[p, s] + largest + bias
     if own[i]:
         loose += spread[p, o]
-    if nearest - loose >= band:
-        return float(nearest - loose)
+    else:
+        plane += hulls[4][o]
+    if moving[i]:
+        plane += _approach(i, u, other, pairs[7], pairs[8]) * times[p]
+    x = lowest(body, ux, uy, uz)
+    coarse = body[x, 0] * ux + body[x, 1] * uy + body[x, 2] * uz - plane - loose
+    band = 0.0
+    for a in range(reach.shape[0]):
+        total = 0.0
+        for j in range(n):
+            total += levers[s, j] * reach[a, j]
+        band = max(band, total)
+    if coarse >= band:
+        return coarse, coarse - band
     base, top = (links[o] if own[i] else 0), links[s]
+    # g_j = u . (a_j x (x - o_j)) = (u x a_j) . x - (u x a_j) . o_j, or u . a_j of a sliding joint
+    turns = np.zeros((n, 4))
+    for j in range(top):
+        ax, ay, az = axes[p, j, 0], axes[p, j, 1], axes[p, j, 2]
+        if prismatic[j]:
+            turns[j, 3] = 0.0 if j < base else ax * ux + ay * uy + az * uz
+            continue
+        mx, my, mz = uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax
+        turns[j, 0], turns[j, 1], turns[j, 2] = mx, my, mz
+        if j < base:
+            turns[j, 3] = -(mx * yx + my * yy + mz * yz)
+        else:
+            turns[j, 3] = -(mx * origins[p, j, 0] + my * origins[p, j, 1] + mz * origins[p, j, 2])
     js, face, side = stretch[s, 0], stretch[s, 1], stretch[s, 2]
-    grown = 0.0
-    if js >= 0:
-        for c in range(3):
-            grown += rotations[p, s, c, face] * u[c]
-        grown *= side
-    jo, shrunk = -1, 0.0
-    if own[i] and stretch[o, 0] >= 0:
-        jo = stretch[o, 0]
-        bit = (y >> (2 - stretch[o, 1])) & 1
-        if (bit == 1) == (stretch[o, 2] > 0):
-            for c in range(3):
-                shrunk += rotations[p, o, c, stretch[o, 1]] * u[c]
-            shrunk *= stretch[o, 2]
-    least = math.inf
+    grown = _grown(p, s, side, face, rotations, u) if js >= 0 else 0.0
+    jo = stretch[o, 0] if own[i] else -1
+    shrunk = 0.0
+    if jo >= 0 and (((y >> (2 - stretch[o, 1])) & 1) == 1) == (stretch[o, 2] > 0):
+        shrunk = _grown(p, o, stretch[o, 2], stretch[o, 1], rotations, u)
+    lost = bias + extra[i] + _second_order(p, s, levers, width)
+    if own[i]:
+        lost += _second_order(p, o, levers, width)
+    if exact:
+        lost += k * math.sqrt(variance[i])
+    least, tightest = math.inf, math.inf
     for c in range(8):
         cx, cy, cz = body[c, 0], body[c, 1], body[c, 2]
-        value = ux * cx + uy * cy + uz * cz - plane
+        value = ux * cx + uy * cy + uz * cz - plane - lost
         for j in range(n):
-            g = 0.0
-            if j < top:
-                ax, ay, az = axes[p, j, 0], axes[p, j, 1], axes[p, j, 2]
-                if prismatic[j]:
-                    g = 0.0 if j < base else ax * ux + ay * uy + az * uz
-                else:
-                    # u . (a x (x - o)) = (u x a) . (x - o)
-                    mx, my, mz = uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax
-                    if j < base:
-                        g = mx * (cx - yx) + my * (cy - yy) + mz * (cz - yz)
-                    else:
-                        g = mx * (cx - origins[p, j, 0]) + my * (cy - origins[p, j, 1]) + mz * (cz - origins[p, j, 2])
+            g = turns[j, 0] * cx + turns[j, 1] * cy + turns[j, 2] * cz + turns[j, 3]
             if j == js and (((c >> (2 - face)) & 1) == 1) == (side > 0):
                 g += grown
             if j == jo:
                 g -= shrunk
             rows[c, j] = g
             value -= abs(g) * width[p, j]
-        value -= _second_order(p, s, levers, width)
-        if own[i]:
-            value -= _second_order(p, o, levers, width)
-        value -= bias + extra[i]
-        if exact:
-            if variance[i] > 0.0:
-                value -= k * math.sqrt(variance[i])
-        else:
-            value -= k * math.sqrt(
-                variance[i]
-                + _variance(
-                    own[i],
-                    u,
-                    cx - place_machine[0],
-                    cy - place_machine[1],
-                    cz - place_machine[2],
-                    rows[c],
-                    covariance,
-                )
-            )
+        if not exact:
+            rx, ry, rz = cx - origin[0], cy - origin[1], cz - origin[2]
+            value -= k * math.sqrt(variance[i] + _variance(own[i], u, rx, ry, rz, rows[c], covariance))
         out[c] = value
         least = min(least, value)
-    return least
+        tightest = min(tightest, value - needed(rows[c], reach))
+    return least, tightest
+
+
+@njit(cache=True)
+def needed(row: Any, reach: Any) -> float:
+    """Return the largest `|row| . reach` over all of reach (c, n)."""
+    most = 0.0
+    for a in range(reach.shape[0]):
+        total = 0.0
+        for j in range(row.shape[0]):
+            total += abs(row[j]) * reach[a, j]
+        most = max(most, total)
+    return most
+
+
+@njit(cache=True)
+def _grown(p: int, s: int, side: int, face: int, rotations: Any, u: Any) -> float:
+    """Return how fast the moving face of a box that stretches moves along u."""
+    total = 0.0
+    for c in range(3):
+        total += rotations[p, s, c, face] * u[c]
+    return total * side
 
 
 @njit(cache=True)
@@ -197,10 +204,11 @@ def _better(p: int, i: int, start: Any, arm: Any, pairs: Any, hulls: Any, out: A
 
 
 @njit(cache=True)
-def bounds(arm: Any, pairs: Any, hulls: Any, doubt: Any, band: float, slack: Any, ways: Any) -> None:
+def bounds(arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, slack: Any, ways: Any) -> None:
     """Fill slack (m, P) with the least slack of each pair on the way to each posture, and ways (m, P, 3) with its u.
 
-    Where a slack is below `band` the direction is sought anew; elsewhere the slack is a coarser bound.
+    The slack is infinite where no corner's is below `|row| . reach` for any of reach (c, n): what one tick may change
+    cannot matter there. Where it may, the direction is sought anew.
     """
     n, count = arm[0].shape[1], arm[0].shape[0]
     values, rows = np.empty(8), np.empty((8, n))
@@ -209,68 +217,56 @@ def bounds(arm: Any, pairs: Any, hulls: Any, doubt: Any, band: float, slack: Any
         u[:] = pairs[3][i]
         before = math.inf
         for p in range(count):
-            here = _corner_slacks(p, i, u, arm, pairs, hulls, doubt, values, rows, band)
-            on_way = min(here, before)
+            here, tight = _corner_slacks(p, i, u, arm, pairs, hulls, doubt, reach, values, rows)
             ways[i, p] = u
-            if here < band:
+            on_way = min(here, before)
+            if tight < 0.0:
                 _better(p, i, u, arm, pairs, hulls, other)
-                there = _corner_slacks(p, i, other, arm, pairs, hulls, doubt, values, rows, band)
+                there, tight = _corner_slacks(p, i, other, arm, pairs, hulls, doubt, reach, values, rows)
                 past = math.inf
                 if p > 0:
-                    past = _corner_slacks(p - 1, i, other, arm, pairs, hulls, doubt, values, rows, band)
+                    past, _ = _corner_slacks(p - 1, i, other, arm, pairs, hulls, doubt, reach, values, rows)
                 if min(there, past) > on_way:
                     on_way = min(there, past)
                     ways[i, p] = other
                 if there > here:
                     here = there
                     u[:] = other
-            slack[i, p] = on_way
+            free = tight >= 0.0 and (p == 0 or slack[i, p - 1] == math.inf)
+            slack[i, p] = math.inf if free else on_way
             before = here
 
 
 @njit(cache=True)
 def emit(
-    arm: Any,
-    pairs: Any,
-    hulls: Any,
-    doubt: Any,
-    band: float,
-    reach: Any,
-    slack: Any,
-    ways: Any,
-    out: Any,
-    rows: Any,
-    which: Any,
+    arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, slack: Any, ways: Any, out: Any, rows: Any, which: Any
 ) -> int:
-    """Fill out (r,), rows (r, n), which (r, 2: pair, posture) with every corner whose slack may be used up.
+    """Fill out (r,), rows (r, n), which (r, 2: pair, posture) with every corner with `slack < |row| . reach`.
 
-    That is: `slack < |row| . reach`, with reach (n,) so large that nothing beyond `band` is. Returns how many there
-    are; if more than there is room for, the rest is left out.
+    slack, ways: of `bounds`. Returns how many there are; if more than there is room for, the rest is left out.
     """
     n = rows.shape[1]
     values, gradients = np.empty(8), np.empty((8, n))
     count = 0
     for i in range(slack.shape[0]):
         for p in range(slack.shape[1]):
-            if slack[i, p] >= band:
+            if slack[i, p] == math.inf:
                 continue
             for back in range(2):
                 at = p - back
                 if at < 0:
                     continue
                 if back == 1:  # the former end has been seen by this direction already
-                    same = True
+                    same = slack[i, at] < math.inf
                     for c in range(3):
                         same = same and ways[i, p, c] == ways[i, at, c]
-                    if same and slack[i, at] < band:
+                    if same:
                         continue
-                if _corner_slacks(at, i, ways[i, p], arm, pairs, hulls, doubt, values, gradients, band) >= band:
+                _, tight = _corner_slacks(at, i, ways[i, p], arm, pairs, hulls, doubt, reach, values, gradients)
+                if tight >= 0.0:
                     continue
                 for c in range(8):
-                    needed = 0.0
-                    for j in range(n):
-                        needed += abs(gradients[c, j]) * reach[j]
-                    if values[c] <= 0.0 or values[c] < needed:
+                    if values[c] <= 0.0 or values[c] < needed(gradients[c], reach):
                         if count < out.shape[0]:
                             out[count] = values[c]
                             rows[count] = gradients[c]
@@ -280,8 +276,8 @@ def emit(
 
 
 @njit(cache=True)
-def shortfall(arm: Any, pairs: Any, hulls: Any, doubt: Any, band: float, slack: Any, ways: Any) -> float:
-    """Return by how much any pair that was below `band` has less slack than it had or needs, at most [m].
+def shortfall(arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, slack: Any, ways: Any) -> float:
+    """Return by how much any pair that may matter has less slack than it had or needs, at most [m].
 
     arm: other postures, as many. slack, ways: of `bounds`. What had less than 0 may not have less; what had more may
     come down to 0. Not above 0: every stop that was verified still is one.
@@ -290,35 +286,11 @@ def shortfall(arm: Any, pairs: Any, hulls: Any, doubt: Any, band: float, slack: 
     worst = -math.inf
     for i in range(slack.shape[0]):
         for p in range(slack.shape[1]):
-            if slack[i, p] >= band:
+            if slack[i, p] == math.inf:
                 continue
-            now = _corner_slacks(p, i, ways[i, p], arm, pairs, hulls, doubt, values, rows, band)
+            now, _ = _corner_slacks(p, i, ways[i, p], arm, pairs, hulls, doubt, reach, values, rows)
             if p > 0:
-                past = _corner_slacks(p - 1, i, ways[i, p], arm, pairs, hulls, doubt, values, rows, band)
+                past, _ = _corner_slacks(p - 1, i, ways[i, p], arm, pairs, hulls, doubt, reach, values, rows)
                 now = min(now, past)
             worst = max(worst, min(slack[i, p], 0.0) - now)
     return worst
-
-
-@njit(cache=True)
-def cells_near(
-    low: Any, high: Any, rows: Any, solids: Any, first: Any, last: Any, lows: Any, highs: Any, room: Any, out: Any
-) -> int:
-    """Fill out (r, 2) with (row, cell) of all cells first[r] to last[r] within room[r] of the box around a solid.
-
-    low, high (S, 3): axis-parallel boxes around the solids' ways; lows, highs (cells, 3) around the cells.
-    """
-    count = 0
-    for r in rows:
-        s = solids[r]
-        for cell in range(first[r], last[r]):
-            gap = 0.0
-            for c in range(3):
-                apart = max(lows[cell, c] - high[s, c], low[s, c] - highs[cell, c])
-                if apart > 0.0:
-                    gap += apart * apart
-            if gap < room[r] * room[r]:
-                if count < out.shape[0]:
-                    out[count, 0], out[count, 1] = r, cell
-                count += 1
-    return count
