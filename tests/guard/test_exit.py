@@ -138,11 +138,11 @@ def test_between_two_walls_both_are_named() -> None:
 
 
 def test_three_walls_are_said_to_be_more_than_two() -> None:
-    angles = np.radians([90.0, 210.0, 330.0])
+    angles = np.radians([90.0, 200.0, 330.0])
     rows = np.stack((np.cos(angles), np.sin(angles)), axis=1) * np.array([[1.0], [2.0], [1.0]])
     found = way_out(rows, np.array([-0.3, -0.1, -0.1]), -np.ones(2), np.ones(2))
     assert isinstance(found, Pinned)
-    assert found.first == 0 and found.second in (1, 2)
+    assert (found.first, found.second) == (0, 2)  # it bears 1.085 times as much as the other
     assert not found.alone and found.more == 1
 
 
@@ -161,6 +161,19 @@ def test_what_no_joint_moves_does_not_pin_the_rest() -> None:
     found = way_out(rows, np.array([-0.5, -0.1]), -np.ones(2), np.ones(2))
     assert isinstance(found, WayOut)
     assert found.gain == 0.0 and found.row == 1 and rows[1] @ found.velocity == pytest.approx(1.5, abs=1e-3)
+
+
+def test_all_that_is_violated_grows_where_it_can() -> None:
+    rows = np.array([[1.0, 0.5], [-1.0, 2.0]])
+    found = way_out(rows, np.array([-0.2, -0.1]), -np.ones(2), np.ones(2), grip=0.9)
+    assert isinstance(found, WayOut)
+    first, second = rows @ found.velocity
+    assert second >= 0.9 * first - 1e-9 and first == found.gain > 1.0
+    steep = way_out(rows, np.array([-0.2, -0.1]), -np.ones(2), np.array([1.0, 0.6]), grip=0.9)
+    loose = way_out(rows, np.array([-0.2, -0.1]), -np.ones(2), np.array([1.0, 0.6]), grip=0.0)
+    assert isinstance(steep, WayOut) and isinstance(loose, WayOut)
+    assert (rows @ steep.velocity)[1] == pytest.approx(0.9 * steep.gain, abs=1e-6)
+    assert loose.gain > steep.gain + 0.1
 
 
 def test_the_others_keep_their_slack() -> None:

@@ -127,9 +127,12 @@ def test_daqp_alone_takes_nearly_dependent_rows_for_a_contradiction(monkeypatch:
 
     monkeypatch.setattr(programme.daqp, "solve", watched)
     rng = np.random.default_rng(1)
-    for _ in range(100):
-        rows = 0.02 * rng.normal(size=(40, 2)) @ rng.normal(size=(2, 6)) + 1e-9 * rng.normal(size=(40, 6))
-        judge(share(rows, np.zeros(40), 0.2), rows, np.zeros(40), 0.2)
+    for rank, noise in ((1, 0.0), (1, 1e-12), (2, 1e-10), (2, 1e-9), (3, 1e-9)):
+        for _ in range(50):
+            rows = 0.02 * rng.normal(size=(40, rank)) @ rng.normal(size=(rank, 6)) + noise * rng.normal(size=(40, 6))
+            solved = share(rows, np.zeros(40), 0.2)
+            judge(solved, rows, np.zeros(40), 0.2)
+            assert solved.why == ""
     assert 0 < flags.count(1) < len(flags)  # else the exact projection is not needed any more
 
 
@@ -173,7 +176,14 @@ def test_the_pump_is_shared_and_ends_are_kept() -> None:
     assert share(none, nothing, 0.1, flow_rows=flow, flow_most=np.array([-1.0])).s.max() <= 1e-8
 
 
-def test_rows_beyond_the_cap_are_kept_too() -> None:
+def test_rows_beyond_the_cap_are_kept_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = daqp.solve
+
+    def watched(*args: Any, **settings: Any) -> Any:
+        assert len(args[2]) <= MOST_ROWS
+        return plain(*args, **settings)
+
+    monkeypatch.setattr(programme.daqp, "solve", watched)
     rng = np.random.default_rng(2)
     rows = -0.02 * rng.random((3 * MOST_ROWS, 6)) + 0.005
     slack = 0.2 * rng.random(len(rows))
@@ -209,7 +219,7 @@ def test_the_projection_meets_kkt(n: int, m: int, seed: int) -> None:
     assume(m == 0 or np.linalg.norm(normals, axis=1).min() > 0.1)
     offsets = -rng.random(m)
     target = 2.0 * rng.normal(size=n)
-    point, multipliers, finished = project(target, normals, offsets, np.zeros(m) + 1e-12)
+    point, multipliers, finished = project(target, normals, offsets, np.full(m, 1e-12))
     assert finished
     assert (normals @ point >= offsets - 1e-9).all()
     assert (multipliers >= 0.0).all()

@@ -239,7 +239,7 @@ def _exact(rows: Floats, least: Floats, top: Floats) -> tuple[Floats, Floats, bo
     lengths = lengths[counts]
     normals = np.concatenate((rows[counts] / lengths[:, None], np.eye(n), -np.eye(n)))
     offsets = np.concatenate((least[counts] / lengths, np.zeros(n), -top))
-    tolerance = np.concatenate((0.5 * SHORT / lengths, np.zeros(2 * n)))
+    tolerance = np.concatenate((0.5 * SHORT / lengths, np.full(2 * n, 0.01 * SHORT)))
     point, multipliers, finished = project(np.ones(n), normals, offsets, tolerance)
     weights = np.zeros(k)
     weights[counts] = multipliers[: len(counts)]

@@ -23,7 +23,8 @@ def project(target: Floats, normals: Floats, offsets: Floats, tolerance: Floats)
     normals. A method that factorises their Gram matrix squares the sine of the angle between a constraint and the
     active ones, takes it for dependent on them below some 1e-5 rad and may then find a programme infeasible that is
     not. Here that happens below 1e-13, and a constraint that then contradicts the active ones is passed over: it does
-    so by rounding alone if the polyhedron is known not to be empty. Normals are best of unit length.
+    so by rounding alone if the polyhedron is known not to be empty. Normals are best of unit length, and tolerances
+    above 1e-13 lest rounding be corrected for ever.
 
     Returns:
         the point (n,), the multipliers (m,), none below 0, with `point = target + multipliers @ normals`, and whether
