@@ -6,6 +6,7 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
+from workgauge.guard.exit import Exit
 from workgauge.machine.model import MachineModel
 from workgauge.proximity.surroundings import Surroundings
 from workgauge.values.arrays import Floats, frozen
@@ -13,7 +14,7 @@ from workgauge.values.clearances import Clearances
 from workgauge.values.ranges import LeverRanges
 from workgauge.values.reasons import Reason, ReasonCode
 
-#: What a guard remembers from tick to tick: numbers and arrays, never written to. Through JSON arrays go as lists, and
+#: What a guard remembers from tick to tick: numbers and arrays, never written to. Through JSON arrays go as lists;
 #: a guard takes lists for arrays.
 Memory: TypeAlias = Mapping[str, Any]
 
@@ -40,6 +41,8 @@ class GuardInput:
         around: what stands around the machine, for guards that look at other postures; None if nobody can say.
         tool_rates: (3, n) joint velocities that move the tool at 1 m/s along the machine's x, y and z; None if not
             asked for.
+        exit_share: the operator wants to be driven out of limits so fast, 0 to 1; `desired` does not count then. None
+            for no.
     """
 
     desired: Floats
@@ -58,6 +61,7 @@ class GuardInput:
     elapsed_s: float | None = None
     around: Surroundings | None = None
     tool_rates: Floats | None = None
+    exit_share: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,12 +73,14 @@ class GuardResult:
         reasons: why `allowed` differs from `desired`; empty if it does not.
         scale: what the clearances leave of the velocity, 0 to 1.
         ranges: what each lever may still do; None from a guard that cannot say.
+        exit: the way out of limits the machine is inside of, or what leaves none; None if it was not sought.
     """
 
     allowed: Floats
     reasons: tuple[Reason, ...]
     scale: float
     ranges: LeverRanges | None = None
+    exit: Exit | None = None
 
 
 class Guard(Protocol):

@@ -1,20 +1,21 @@
 """The barrier guard: as fast as still stops in time, each stop rolled out and verified before its command leaves."""
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from workgauge.guard.api import GuardInput, GuardResult, Memory, full_stop, unusable
+from workgauge.guard.exit import Exit, Pinned, WayOut, room, way_out
 from workgauge.guard.joints import one_group, within_speed
 from workgauge.guard.plan import MINUS, PLUS, WISH, Plan, flown
 from workgauge.guard.programme import share
 from workgauge.guard.ranges import lever_ranges
-from workgauge.guard.why import cushioned_by, held_back
+from workgauge.guard.why import cushioned_by, held_back, how_out
 from workgauge.machine.model import MachineModel
 from workgauge.machine.rollout import Rollout
 from workgauge.machine.stopping import StoppingModel
-from workgauge.proximity.stops import Stop
+from workgauge.proximity.stops import Rows, Stop
 from workgauge.proximity.surroundings import Surroundings
 from workgauge.values.arrays import Floats, freeze
 from workgauge.values.errors import InputError
@@ -37,6 +38,9 @@ class BarrierGuard:
     that no slack shrinks by more than the share `dt / ease_s` of itself, and none below zero shrinks at all. Then the
     chosen command is rolled out in turn and every slack computed anew; if one falls short of zero (or of what it had,
     below zero), half of the command is tried, a quarter, then the stop in hand.
+
+    Inside a limit nothing may lead deeper, everything else stays enforced, and the guard seeks a way out: it says one
+    when the wish is refused, drives it when asked to (`exit_share`), or names what pins the machine.
 
     Attributes:
         stop_distance_m: kept to limits that name none of their own.
@@ -92,51 +96,95 @@ class BarrierGuard:
 
         Numbers nobody can judge (NaN, infinite, wrong shapes) and an unknown neighbourhood stop every joint.
         """
-        around = given.around
-        wrong = "the guard cannot see what stands around" if around is None else unusable(given)
-        if around is None or wrong is not None:
-            return full_stop(len(given.joint_names), wrong or ""), self.start()
-        machine = around.machine
-        rollout = rollout_of(machine, given.dt_s)
-        speeds, flying = flown(rollout, given.sent, given.elapsed_s or given.dt_s, memory)
+        around, wrong = given.around, unusable(given)
+        if around is None:
+            return full_stop(len(given.joint_names), wrong or "the guard cannot see what stands around"), memory
+        rollout, elapsed_s = rollout_of(around.machine, given.dt_s), given.elapsed_s or given.dt_s
+        if wrong is not None:
+            kept = self.idle(given.sent, around.machine, given.dt_s, elapsed_s, memory)
+            return full_stop(len(given.joint_names), wrong), kept
+        speeds, flying = flown(rollout, given.sent, elapsed_s, memory)
+        found: Exit | None = None
+        if given.exit_share is not None:
+            velocity, found = self._driven_out(around, given, rollout, speeds, flying)
+            given = replace(given, desired=velocity, keep_direction=True)
         wish, group, reasons = _wish(given, memory)
+        plan, stop = self._rolled(around, given, rollout, speeds, flying, wish)
+        rows, changes, alpha = stop.rows, plan.changes(stop.rows), min(given.dt_s / self.ease_s, 1.0)
+        flow_rows, flow_most = _flow(around.machine, wish)
+        solved = share(
+            *(changes[WISH], rows.slack, alpha),
+            keep_direction=given.keep_direction,
+            flow_rows=flow_rows,
+            flow_most=flow_most,
+            ends=plan.ends[WISH],
+        )
+        kept_share = self._verified(plan, stop, solved.s * wish)
+        allowed = wish * solved.s * kept_share
+        freeze(allowed)
+        scale = _scale(np.where(wish == 0.0, 1.0, solved.s * kept_share), wish)
+        reasons += cushioned_by(plan.ends[WISH], wish, given.joint_names)
+        reasons += held_back(stop.clearances, rows, solved, kept_share, self.stop_distance_m, scale)
+        if found is None and wish.any() and not allowed.any() and (rows.slack < 0.0).any():
+            found = self._sought(around, given, rows)
+        if found is not None:
+            reasons += how_out(found, stop.clearances, rows, given.joint_names)
+        ranges = None
+        if given.tool_rates is not None:
+            ranges = lever_ranges(
+                *(changes[PLUS], changes[MINUS], rows.slack, alpha),
+                *(given.speed_positive, given.speed_negative, given.tool_rates),
+                ends_positive=plan.ends[PLUS],
+                ends_negative=plan.ends[MINUS],
+                clearance_of=rows.clearances,
+            )
+        result = GuardResult(allowed, tuple(reasons), scale, ranges, found)
+        return result, {"group": group, "speeds": speeds, "flying": flying}
+
+    def _rolled(
+        self,
+        around: Surroundings,
+        given: GuardInput,
+        rollout: Rollout,
+        speeds: Floats,
+        flying: Floats,
+        wish: Floats,
+    ) -> tuple[Plan, Stop]:
+        """Return where a wish would lead, and the stop in hand."""
         plan = Plan(
             *(rollout, given, speeds, flying, wish),
             spacing_m=self.spacing_m,
             farthest=around.scene.arm.farthest,
             cushion=min(given.dt_s / self.cushion_s, 1.0),
         )
-        alpha = min(given.dt_s / self.ease_s, 1.0)
-        stop = self._stop(around, given, plan, alpha)
-        rows, ends = stop.rows, plan.ends
-        changes = plan.changes(rows)
-        flow_rows, flow_most = _flow(machine, wish)
-        solved = share(
-            changes[WISH],
-            rows.slack,
-            alpha,
-            keep_direction=given.keep_direction,
-            flow_rows=flow_rows,
-            flow_most=flow_most,
-            ends=ends[WISH],
+        return plan, self._stop(around, given, plan, min(given.dt_s / self.ease_s, 1.0))
+
+    def _driven_out(
+        self, around: Surroundings, given: GuardInput, rollout: Rollout, speeds: Floats, flying: Floats
+    ) -> tuple[Floats, Exit | None]:
+        """Return the velocity (n,) that leads out of what the machine would come to rest inside of, and how."""
+        still = np.zeros(rollout.n)
+        _, stop = self._rolled(around, given, rollout, speeds, flying, still)
+        if not (stop.rows.slack < 0.0).any():
+            return still, None
+        found = self._sought(around, given, stop.rows)
+        if isinstance(found, Pinned):
+            return still, found
+        return found.velocity * min(max(given.exit_share or 0.0, 0.0), 1.0), found
+
+    def _sought(self, around: Surroundings, given: GuardInput, rows: Rows) -> Exit:
+        """Return the way out by whichever exclusive group has the best, or what pins the machine."""
+        low, high = room(
+            *(given.q, given.q_min, given.q_max, given.speed_positive, given.speed_negative, self.cushion_s)
         )
-        kept = self._verified(plan, stop, solved.s * wish)
-        allowed = wish * solved.s * kept
-        freeze(allowed)
-        shares = np.where(wish == 0.0, 1.0, solved.s * kept)
-        reasons += cushioned_by(ends[WISH], wish, given.joint_names)
-        reasons += held_back(stop.clearances, rows, solved, kept, self.stop_distance_m, _scale(shares, wish))
-        ranges = None
-        if given.tool_rates is not None:
-            ranges = lever_ranges(
-                *(changes[PLUS], changes[MINUS], rows.slack, alpha),
-                *(given.speed_positive, given.speed_negative, given.tool_rates),
-                ends_positive=ends[PLUS],
-                ends_negative=ends[MINUS],
-                clearance_of=rows.clearances,
-            )
-        result = GuardResult(allowed, tuple(reasons), _scale(shares, wish), ranges)
-        return result, {"group": group, "speeds": speeds, "flying": flying}
+        groups, n = given.exclusive_groups, len(low)
+        grouped = {j for group in groups for j in group}
+        found: list[Exit] = []
+        for group in groups or (tuple(range(n)),):
+            free = np.array([j in group or j not in grouped for j in range(n)])
+            found.append(way_out(rows.rows, rows.slack, low * free, high * free))
+        out = [one for one in found if isinstance(one, WayOut)]
+        return max(out, key=lambda one: one.gain) if out else found[0]
 
     def _stop(self, around: Surroundings, given: GuardInput, plan: Plan, alpha: float) -> Stop:
         """Return the stop in hand: everything that has little slack on the way to rest from what is in flight."""

@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from workgauge.guard.exit import Exit, WayOut
 from workgauge.guard.programme import Solved
 from workgauge.proximity.stops import Rows
 from workgauge.values.arrays import Floats
-from workgauge.values.clearances import Clearances
+from workgauge.values.clearances import Clearance, Clearances
 from workgauge.values.reasons import Reason, ReasonCode
 
 #: At most this many reasons, the gravest first.
@@ -14,6 +15,8 @@ MAX_REASONS = 8
 USED_UP_M = 0.002
 #: Shares above this are whole.
 WHOLE = 1.0 - 1e-6
+#: Joints slower than this share of the fastest are not named.
+WORTH = 0.1
 #: A reason's text is silent about protection levels below this [m].
 WORTH_SAYING_M = 0.005
 
@@ -57,6 +60,39 @@ def held_back(
         said.add(pair)
         reasons.append(_near(clearances, k, float(rows.slack[row]), stop_distance_m, scale))
     return reasons + flow
+
+
+def how_out(found: Exit, clearances: Clearances, rows: Rows, names: tuple[str, ...]) -> list[Reason]:
+    """Return how to get out of what the machine is inside of, or what pins it.
+
+    Args:
+        found: of `exit`. clearances: of the present. rows: those `found` counts. names: of the joints.
+    """
+    if isinstance(found, WayOut):
+        if found.row < 0:
+            return []
+        one = clearances[int(rows.clearances[found.row])]
+        most = float(np.abs(found.velocity).max(initial=0.0))
+        leading = [j for j in np.argsort(-np.abs(found.velocity)).tolist() if abs(found.velocity[j]) > WORTH * most]
+        how = ", ".join(f"{names[j]} {'+' if found.velocity[j] > 0.0 else '-'}" for j in leading)
+        return [_about(ReasonCode.WAY_OUT, f"out of {one.limit}: {how}", one)]
+    if found.first < 0:
+        return []
+    first = clearances[int(rows.clearances[found.first])]
+    by = []
+    if found.second >= 0:
+        second = clearances[int(rows.clearances[found.second])]
+        by.append(f"without {second.link} going deeper into or nearer to {second.limit}")
+    if found.more:
+        by.append(f"or one of {found.more} more")
+    if found.joints:
+        by.append("with " + ", ".join(names[j] for j in found.joints) + " at the end")
+    text = f"pinned: no joint leads {first.link} out of {first.limit} {' '.join(by)}".rstrip()
+    return [_about(ReasonCode.PINNED, text, first)]
+
+
+def _about(code: ReasonCode, text: str, one: Clearance) -> Reason:
+    return Reason(code, text, link=one.link, limit=one.limit, clearance_m=one.distance_m, scale=0.0)
 
 
 def _near(clearances: Clearances, k: int, slack: float, stop_distance_m: float, scale: float) -> Reason:

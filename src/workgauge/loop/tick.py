@@ -8,11 +8,12 @@ import numpy as np
 from workgauge.drive.ramp import ramped
 from workgauge.gate.gate import GateFacts, GateState, vet
 from workgauge.guard.api import GuardInput, Memory
+from workgauge.guard.exit import Exit
 from workgauge.loop.config import SOURCE, TickConfig
 from workgauge.loop.inputs import TickInputs, believed
 from workgauge.loop.memory import TickMemory
 from workgauge.machine.model import Kinematics
-from workgauge.motion.desired import MotionMemory, desired, tool_rates
+from workgauge.motion.desired import MotionMemory, desired, exit_share, tool_rates
 from workgauge.proximity.protection import with_protection
 from workgauge.proximity.surroundings import Surroundings
 from workgauge.proximity.uncertainty import MachineUncertainty
@@ -45,6 +46,7 @@ class Trace:
         reasons: every intervention of this tick.
         scale: what the clearances left of the velocity.
         ranges: what each lever may still do; None if the guard was not asked or cannot say.
+        exit: the way out of limits the machine is inside of, or what leaves none; None if it was not sought.
     """
 
     now_ns: int
@@ -56,6 +58,7 @@ class Trace:
     reasons: tuple[Reason, ...]
     scale: float
     ranges: LeverRanges | None = None
+    exit: Exit | None = None
 
 
 def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[TickOutputs, TickMemory, Trace]:
@@ -70,7 +73,9 @@ def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[Ti
     seen = believed(inputs, config)
     reasons = list(seen.reasons)
     wanted = allowed = _still(machine.n)
-    scale, motion_memory, clearances, ranges = 0.0, MotionMemory(), None, None
+    scale, motion_memory, clearances = 0.0, MotionMemory(), None
+    ranges: LeverRanges | None = None
+    way_out: Exit | None = None
     at = seen.posture.q.tolist() if seen.posture is not None else None
     sent = np.array(config.drive.velocity(memory.valves, at))
     elapsed_s = config.dt_s if memory.at_ns is None else max((now - memory.at_ns) * 1e-9, 0.0)
@@ -93,9 +98,10 @@ def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[Ti
                 elapsed_s=elapsed_s,
                 around=around,
                 tool_rates=tool_rates(machine, kin, config.motion),
+                exit_share=exit_share(seen.intent, motion_memory),
             )
             result, guard_memory = config.guard.allow(given, memory.guard)
-            allowed, scale, ranges = result.allowed, result.scale, result.ranges
+            allowed, scale, ranges, way_out = result.allowed, result.scale, result.ranges, result.exit
             reasons += (*hindered, *result.reasons)
     if guard_memory is None:
         guard_memory = config.guard.idle(sent, machine, config.dt_s, elapsed_s, memory.guard)
@@ -109,7 +115,7 @@ def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[Ti
     sequence = (memory.sequence + 1) % SEQUENCE_MODULUS
     after = TickMemory(sequence, gate.valves, motion_memory, guard_memory, gate, now)
     q = seen.posture.q if seen.posture is not None else None
-    trace = Trace(now, q, wanted, allowed, gate.valves, clearances, tuple(reasons), scale, ranges)
+    trace = Trace(now, q, wanted, allowed, gate.valves, clearances, tuple(reasons), scale, ranges, way_out)
     return TickOutputs(frame), after, trace
 
 

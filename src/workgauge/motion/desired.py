@@ -67,7 +67,8 @@ def desired(
     """Return the wanted joint velocities (n,) [rad/s, m/s], what hinders them, and the memory for the next tick.
 
     Joint mode: each lever moves its joints. Tool mode: the levers move the tool along the machine's axes. Line mode:
-    the right lever's fore and aft moves the tool along the intent's line. Speeds may exceed what joints can do; the
+    the right lever's fore and aft moves the tool along the intent's line. Exit mode: nothing, the guard finds the
+    way out; see `exit_share`. Speeds may exceed what joints can do; the
     guard scales them as a whole.
     """
     step = config.dt_s / config.feel.ramp_s if config.feel.ramp_s > 0.0 else 2.0
@@ -76,6 +77,8 @@ def desired(
         qdot = np.array(joint_velocity(levers, machine))
         freeze(qdot)
         return qdot, (), MotionMemory(levers)
+    if intent.mode is DriveMode.EXIT:  # the guard knows the way; see `exit_share`
+        return _still(machine.n), (), MotionMemory(levers)
     line: tuple[float, ...] = ()
     kept: tuple[float, ...] = ()
     if intent.mode is DriveMode.TOOL:
@@ -105,6 +108,15 @@ def desired(
     freeze(solution.qdot)
     reasons = _hindered(solution, config.singular_share)
     return solution.qdot, reasons, MotionMemory(levers, line, kept, group)
+
+
+def exit_share(intent: Intent, memory: MotionMemory) -> float | None:
+    """Return how fast the operator wants to be driven out of limits, 0 to 1 of the fastest; None in other modes.
+
+    Args:
+        memory: as `desired` returned it, for the ramp.
+    """
+    return max(memory.levers[_RIGHT_Y], 0.0) if intent.mode is DriveMode.EXIT else None
 
 
 def tool_rates(machine: MachineModel, kin: Kinematics, config: MotionConfig) -> Floats:

@@ -75,6 +75,7 @@ class DriveMode(StrEnum):
     JOINT = "joint"  #: each lever moves its joint
     TOOL = "tool"  #: levers move the tool centre point along the machine's axes
     LINE = "line"  #: one lever moves the tool centre point along a given straight line
+    EXIT = "exit"  #: one lever drives the machine out of limits it is inside of, by the program's own way
 
 
 #: Lever names, in the order of `Levers.values`. Signs: x to the right, y forward, roller up are positive.
@@ -117,7 +118,8 @@ class Intent:
 
     Attributes:
         enable: the dead-man switch; without it nothing moves.
-        line: the line of `DriveMode.LINE`; `right_y` is then the speed along it.
+        line: the line of `DriveMode.LINE`; `right_y` is then the speed along it. In `DriveMode.EXIT`, `right_y`
+            forward is the speed out.
     """
 
     stamp: Stamp

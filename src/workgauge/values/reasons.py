@@ -14,7 +14,8 @@ class ReasonCode(StrEnum):
     JOINT_SPEED = "joint_speed"  #: faster than the joint may turn
     EXCLUSIVE_GROUP = "exclusive_group"  #: joints that cannot move together
     PUMP_FLOW = "pump_flow"  #: all joints together ask for more than the pump gives
-    PINNED = "pinned"  #: inside limits that together leave no way out by the joints alone
+    PINNED = "pinned"  #: inside a limit, and what else leaves no way out by the joints alone
+    WAY_OUT = "way_out"  #: inside a limit, and how to get out
     SINGULAR = "singular"  #: the tool cannot go that way from here
     NOT_ENABLED = "not_enabled"  #: dead-man switch open
     NOT_NEUTRAL = "not_neutral"  #: levers must be in the middle before the gate opens
