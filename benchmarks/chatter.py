@@ -6,14 +6,16 @@ The scenes are the shipped scenarios `slide-along-envelope` and `between-limits`
 Guards: `linear`; `potential`, the artificial potential field with one closest point per link; `potential-each-limit`,
 with one per link and limit; `nearest-pair`, the barrier of the single nearest pair without prediction; `barrier`.
 
-Prints `{"joints", "rows": [{"scene", "guard", "chatter", "by_joint", "share_of_potential", "share_of_nearest_pair",
+Prints `{"rows": [{"scene", "joints", "guard", "chatter", "by_joint", "share_of_potential", "share_of_nearest_pair",
 "motion_rad", "min_clearance_m", "entries"}…]}`. `chatter` is that of `workgauge run --json` [rad/s^2]; `motion_rad`
-the way of all joints together. `--joints ideal`: joints follow at once, and the guard is told so; `hydraulic`: as the
+the way of all joints together. Joints are `ideal`, follow at once, and the guard is told so; or `hydraulic`, as the
 machine's file says, and the guard is told the same.
 """
 
 import argparse
+import itertools
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,6 +35,7 @@ from workgauge.rehearse.scenario_file import load_scenario
 from workgauge.report.page import write_report
 
 SCENES = ("slide-along-envelope", "between-limits")
+JOINTS = ("ideal", "hydraulic")
 POTENTIAL, NEAREST_PAIR = "potential", "nearest-pair"
 
 
@@ -62,38 +65,41 @@ def run(scene: str, guard: Guard, joints: str) -> RunResult:
     return run_session(session, scenario.drive, f"{scenario.title}: {guard.name}", scenario.description)
 
 
-def row(scene: str, guard: Guard, result: RunResult) -> dict[str, Any]:
+def row(scene: str, joints: str, guard: Guard, result: RunResult) -> dict[str, Any]:
     """Return what one run shows."""
     found = result.chatter()
     assert found is not None, "the scenes' ticks are quick enough"
     plain = found.as_json(result.joint_names)
     return {
         "scene": scene,
+        "joints": joints,
         "guard": guard.name,
         "chatter": plain["total"],
         "by_joint": plain["by_joint"],
         "motion_rad": round(float(np.abs(np.diff(result.series.q, axis=0)).sum()), 4),
-        "min_clearance_m": result.min_clearance_m,
+        "min_clearance_m": None if result.min_clearance_m is None else round(result.min_clearance_m, 4),
         "entries": len(result.entries),
     }
 
 
-def measure(scenes: tuple[str, ...], joints: str, names: tuple[str, ...], report: Path | None) -> dict[str, Any]:
+def measure(
+    scenes: Sequence[str], joints: Sequence[str], names: Sequence[str], report: Path | None = None
+) -> dict[str, Any]:
     """Return every guard's row in every scene, and its share of the two it is held against."""
     rows = []
-    for scene in scenes:
+    for scene, kind in itertools.product(scenes, joints):
         here = []
         for guard in (one for one in guards() if one.name in names):
-            result = run(scene, guard, joints)
-            here.append(row(scene, guard, result))
+            result = run(scene, guard, kind)
+            here.append(row(scene, kind, guard, result))
             if report is not None:
-                write_report(result, report / f"{scene}-{guard.name}")
+                write_report(result, report / f"{scene}-{kind}-{guard.name}")
         by_guard = {one["guard"]: one["chatter"] for one in here}
         for one in here:
             for key, other in (("share_of_potential", POTENTIAL), ("share_of_nearest_pair", NEAREST_PAIR)):
                 one[key] = round(one["chatter"] / by_guard[other], 4) if by_guard.get(other) else None
         rows += here
-    return {"joints": joints, "rows": rows}
+    return {"rows": rows}
 
 
 def main() -> None:
@@ -102,18 +108,20 @@ def main() -> None:
     parser.add_argument("--scene", choices=SCENES, action="append", help="only this one; may be repeated")
     known = [guard.name for guard in guards()]
     parser.add_argument("--guard", choices=known, action="append", help="only this one; may be repeated")
-    parser.add_argument("--joints", choices=("ideal", "hydraulic"), default="ideal")
+    parser.add_argument("--joints", choices=JOINTS, action="append", help="only these")
     parser.add_argument("--report", type=Path, metavar="DIR", help="writes every run's report into DIR")
     parser.add_argument("--json", action="store_true", help="the object instead of words")
     given = parser.parse_args()
-    found = measure(tuple(given.scene or SCENES), given.joints, tuple(given.guard or known), given.report)
+    found = measure(given.scene or SCENES, given.joints or JOINTS, given.guard or known, given.report)
     if given.json:
         print(json.dumps(found))
         return
     for one in found["rows"]:
         shares = f"{one['share_of_potential']} of potential, {one['share_of_nearest_pair']} of nearest-pair"
         way = f"moved {one['motion_rad']:.2f} rad, {one['min_clearance_m']:.3f} m, {one['entries']} entries"
-        print(f"{one['scene']:22} {one['guard']:22} {one['chatter']:8.4f} rad/s^2, {shares}, {way}")
+        print(
+            f"{one['scene']:21} {one['joints']:10} {one['guard']:21} {one['chatter']:8.4f} rad/s^2, {shares}, {way}"
+        )
 
 
 if __name__ == "__main__":
