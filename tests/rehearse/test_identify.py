@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from workgauge.machine.load import load_machine, machine_from
 from workgauge.machine.stopping import StoppingModel
-from workgauge.rehearse.identify.fit import DirectionFit, fit_direction
+from workgauge.rehearse.identify.fit import DirectionFit, _Problem, fit_direction
 from workgauge.rehearse.identify.log import StepLog
 from workgauge.rehearse.identify.model import stop_travel, way
 from workgauge.rehearse.identify.programme import LEVELS
@@ -286,3 +286,18 @@ def test_the_object_is_json_and_a_log_of_another_machine_is_refused() -> None:
     assert all(row["guaranteed_deg"] > row["expected_deg"] > 0 for row in rows)
     with pytest.raises(InputError, match="another machine"):
         identify(good(), load_machine("rre20"))
+
+
+def test_the_reduced_problem_is_the_same_least_squares_problem() -> None:
+    stops, _ = find_stops(logged(drawn(4), 4), 0, 1)
+    problem = _Problem(stops, 0.02)
+    rng = np.random.default_rng(4)
+    for _ in range(5):
+        p = np.concatenate([rng.uniform(0.05, 0.5, 2), rng.uniform(0.2, 2.0, 1), rng.uniform(0.1, 1.0, len(stops))])
+        f, J = problem.reduced(p)
+        r, whole = problem.residuals(p), problem.jacobian(p)
+        assert len(f) <= 5 * len(stops) < len(r)
+        assert f @ f == pytest.approx(r @ r, rel=1e-9)
+        assert J.T @ f == pytest.approx(whole.T @ r, rel=1e-7, abs=1e-9 * np.abs(whole.T @ r).max())
+        squares = whole.T @ whole
+        assert np.allclose(J.T @ J, squares, rtol=1e-7, atol=1e-9 * float(squares.max()))

@@ -107,6 +107,21 @@ class _Problem:
             J[begin:end, 3 + i] = all_speeds[begin:end] / step[3 + i]
         return self.centred(J)
 
+    def reduced(self, p: Floats) -> tuple[Floats, Floats]:
+        """Return residuals (5 stops,) and Jacobian (5 stops, 3 + stops) of the same least-squares problem.
+
+        Each stop's samples are turned (QR of its four columns and residuals) so that all but five rows vanish.
+        Lengths and products of the columns stay, and least squares looks at nothing else.
+        """
+        r, J = self.residuals(p), self.jacobian(p)
+        f, out = np.zeros(5 * len(self.stops)), np.zeros((5 * len(self.stops), len(p)))
+        for i, (begin, end) in enumerate(zip(self.ends[:-1], self.ends[1:], strict=True)):
+            block = np.column_stack([J[begin:end, :3], J[begin:end, 3 + i], r[begin:end]])
+            R = np.asarray(np.linalg.qr(block, mode="r"))
+            rows = slice(5 * i, 5 * i + len(R))
+            out[rows, :3], out[rows, 3 + i], f[rows] = R[:, :3], R[:, 3], R[:, 4]
+        return f, out
+
     def solve(self, start: Floats, held: tuple[int, float] | None = None, steps: int = 60) -> tuple[Floats, float]:
         """Return the parameters of least squares and their cost, one of them held if asked for."""
         free = [k for k in range(len(start)) if held is None or k != held[0]]
@@ -123,11 +138,19 @@ class _Problem:
         high = np.concatenate([[_LONGEST, _LONGEST, 1e4], np.full(len(start) - 3, np.inf)])
         begin = np.clip(full, low + 1e-9, high - 1e-9)[free]
 
+        newest: dict[bytes, tuple[Floats, Floats]] = {}
+
+        def reduced(p: Floats) -> tuple[Floats, Floats]:
+            if p.tobytes() not in newest:
+                newest.clear()
+                newest[p.tobytes()] = self.reduced(filled(p))
+            return newest[p.tobytes()]
+
         def residuals(p: Floats) -> Floats:
-            return self.residuals(filled(p))
+            return reduced(p)[0]
 
         def jacobian(p: Floats) -> Floats:
-            return np.asarray(self.jacobian(filled(p))[:, free])
+            return np.asarray(reduced(p)[1][:, free])
 
         found = least_squares(
             residuals,

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from numba import njit
+from workgauge.values.compiled import njit
 
 #: 1 / deceleration below this stands for no limit [s^2/rad, s^2/m].
 NO_LIMIT = 1e-9
