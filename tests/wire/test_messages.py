@@ -187,7 +187,7 @@ def forge(value: Value, at: int, byte: int) -> bytes:
         (SAMPLES[0], 90, 5, "wrong payload length"),
         (SAMPLES[2], 90, 2, "not a flag"),
         (SAMPLES[2], 91, 3, "wrong payload length"),
-        (SAMPLES[3], 90, 3, "unknown mode"),
+        (SAMPLES[3], 90, 9, "unknown mode"),
         (SAMPLES[3], 91, 7, "not a flag"),
         (SAMPLES[3], 92, 0, "numbers of a line that is not given"),
         (SAMPLES[4], 3, 6, "wrong payload length"),

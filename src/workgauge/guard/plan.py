@@ -3,12 +3,12 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from workgauge.guard.api import GuardInput, Memory
 from workgauge.machine.rollout import Rollout, advance, roll
 from workgauge.proximity.stops import Rows, Way
 from workgauge.values.arrays import Floats, freeze
+from workgauge.values.compiled import njit
 
 #: The commands rolled out: none, what is wished for, every joint at its full positive and negative speed.
 NONE, WISH, PLUS, MINUS = range(4)

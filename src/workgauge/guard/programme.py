@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import daqp
 import numpy as np
-from numba import njit
 
 from workgauge.guard.projection import project
 from workgauge.values.arrays import Floats, Ints, freeze
+from workgauge.values.compiled import njit
 
 #: No row falls short of its bound by more than this: a nanometre, or that share of the pump's flow.
 SHORT = 1e-9

@@ -3,9 +3,9 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from workgauge.values.arrays import Floats
+from workgauge.values.compiled import njit
 
 #: A constraint whose part outside the span of the active ones is shorter than this adds nothing to them.
 DEPENDENT = 1e-13

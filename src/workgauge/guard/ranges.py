@@ -3,10 +3,10 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from workgauge.guard.programme import SHORT
 from workgauge.values.arrays import Floats, Ints, freeze
+from workgauge.values.compiled import njit
 from workgauge.values.ranges import LeverRanges
 
 #: A joint that turns less than this for one metre per second of the tool does not turn.

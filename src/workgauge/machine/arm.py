@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from workgauge.machine.model import MachineModel
 from workgauge.values.arrays import Floats, Ints, freeze, frozen, frozen_ints
+from workgauge.values.compiled import njit
 
 
 @dataclass(frozen=True, slots=True, eq=False)

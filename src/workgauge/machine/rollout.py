@@ -4,10 +4,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from workgauge.machine.stopping import StoppingModel
 from workgauge.values.arrays import Floats, Ints
+from workgauge.values.compiled import njit
 
 #: A joint slower than this rests: what its lag still makes of it is below 0.01 mm [rad/s, m/s].
 RESTING = 1e-6

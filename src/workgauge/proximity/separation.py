@@ -9,7 +9,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from workgauge.values.compiled import njit
 
 #: Closest points are sought until the distance is known to this share.
 _RELATIVE = 1e-7
@@ -55,14 +56,14 @@ def separating(first: Any, second: Any, start: Any, out: Any) -> float:
         if count == 4:
             return best
         simplex[count, 0], simplex[count, 1], simplex[count, 2] = wx, wy, wz
-        count, x, y, z = _nearest(simplex, count + 1)
+        count, x, y, z = nearest_on(simplex, count + 1)
         if x * x + y * y + z * z < 1e-16 or count == 4:
             return min(best, 0.0)
     return best
 
 
 @njit(cache=True)
-def _nearest(s: Any, count: int) -> tuple[int, float, float, float]:
+def nearest_on(s: Any, count: int) -> tuple[int, float, float, float]:
     """Cut the simplex s to the corners that span its point nearest to the origin; return their number and the point.
 
     Four corners stay only if the origin lies inside.

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from workgauge.machine.arm import place
 from workgauge.proximity.protection import link_turns, second_order
@@ -13,6 +12,7 @@ from workgauge.proximity.sweep import bounds, emit, shortfall
 from workgauge.proximity.uncertainty import own_place
 from workgauge.values.arrays import Floats, Ints
 from workgauge.values.clearances import Clearances
+from workgauge.values.compiled import njit
 
 #: Twists, places and whether they move, of limits of which none does.
 _STILL = np.empty((0, 6)), np.empty((0, 3)), np.empty(0, np.bool_)

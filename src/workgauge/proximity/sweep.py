@@ -13,9 +13,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from workgauge.proximity.separation import lowest, separating
+from workgauge.values.compiled import njit
 
 
 @njit(cache=True)

@@ -4,7 +4,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from workgauge.values.compiled import njit
 
 #: What the rows of a parameter block (ROWS, 2, n) mean; the positive direction first.
 DELAY, BAND, FULL, LAG, UP, DOWN, FREQUENCY, DAMPING, FLOW = range(9)
