@@ -58,7 +58,7 @@ def test_people_are_told_and_a_cut_log_is_said_to_be_cut(cli, log: Path, tmp_pat
     assert answer.code == 0 and "cut after" in answer.out
 
 
-def test_another_command_in_the_log_is_found_with_exit_code_1(cli, log: Path, tmp_path: Path) -> None:
+def test_another_command_in_the_log_is_found_with_exit_code_3(cli, log: Path, tmp_path: Path) -> None:
     forged, opened = tmp_path / "forged.mcap", open_log(log)
     with LogWriter(forged, opened.configuration) as writer:
         for topic, time_ns, value in opened.entries():
@@ -66,7 +66,7 @@ def test_another_command_in_the_log_is_found_with_exit_code_1(cli, log: Path, tm
                 value = replace(value, levers=type(value.levers)())
             writer.write(topic, time_ns, value)
     answer = cli.workgauge("replay", forged)
-    assert answer.code == 1 and "come out otherwise" in answer.out and "First at" in answer.out
+    assert answer.code == 3 and "come out otherwise" in answer.out and "First at" in answer.out
 
 
 def test_what_cannot_be_used_is_refused(cli, write, log: Path, tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 import functools
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -148,3 +150,14 @@ def test_joints_that_cannot_be_are_refused_with_the_file(tmp_path, joints: str, 
     with pytest.raises(ScenarioError, match=words) as caught:
         open_session(scenario(tmp_path, joints))
     assert "scenario.yaml" in str(caught.value)
+
+
+def test_what_the_page_shows_can_be_used(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    page = (Path(__file__).parents[2] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```yaml\n(joints:\n.*?)```", page, re.DOTALL)
+    start = SHIPPED.index("joints: ideal")
+    file = tmp_path / "scenario.yaml"
+    file.write_text(SHIPPED[:start] + block + SHIPPED[SHIPPED.index("\n", start) :], encoding="utf-8")
+    session = open_session(load_scenario(file))
+    assert "8 %" not in session.moving.assumption and "1 change on the way" in session.moving.assumption
+    assert session.moving.words == "hydraulic, with numbers of its own, drawn within tolerance by seed 7"

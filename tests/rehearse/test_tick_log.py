@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -172,3 +173,16 @@ def test_a_drive_of_steps_and_stops_is_a_log_to_identify_from(tmp_path: Path) ->
         assert side.fit.dead_time_s.value == pytest.approx(0.3, abs=0.03)
         assert side.fit.dead_band is not None and side.fit.dead_band.value == pytest.approx(0.06, abs=0.01)
         assert math.isfinite(side.fit.lag_s.value)
+
+
+def test_the_recording_page_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = Path(__file__).parents[2] / "docs" / "recording.md"
+    blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    assert len(blocks) == 2
+    monkeypatch.chdir(tmp_path)
+    for file in shipped_site_files("double_track"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    names: dict[str, object] = {}
+    for block in blocks:
+        exec(block, names)
+    assert (tmp_path / "run.mcap").exists() and (tmp_path / "ticks.mcap").exists()

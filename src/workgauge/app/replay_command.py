@@ -11,6 +11,9 @@ from workgauge.app.site_commands import Json
 from workgauge.record.reader import Log, open_log
 from workgauge.rehearse.tick_log import Replayed, reopened, replayed
 
+#: Exit code of a replay that came out otherwise.
+EXIT_DIFFERENT = 3
+
 
 @input_errors_exit_2
 def replay_command(
@@ -24,7 +27,7 @@ def replay_command(
 ) -> None:
     """Decide every tick of a recorded run once more and compare the commands with those that left.
 
-    The exit code is 1 if any comes out otherwise.
+    The exit code is 3 if any comes out otherwise.
     """
     with busy("replaying"):
         opened = open_log(log)
@@ -35,7 +38,7 @@ def replay_command(
     else:
         _show(opened, done)
     if done.different:
-        raise typer.Exit(1)
+        raise typer.Exit(EXIT_DIFFERENT)
 
 
 def _plain(log: Log, done: Replayed) -> dict[str, object]:
