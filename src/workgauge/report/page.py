@@ -101,6 +101,13 @@ def _legend(result: RunResult) -> str:
     return '<ul class="legend">' + "".join(f'<li><i class="{c}"></i>{escape(t)}</li>' for c, t in items) + "</ul>"
 
 
+def _rule(result: RunResult) -> str:
+    """Return in words how the guard slows an approach."""
+    if result.slow_distance_m is not None:
+        return "Between p_u and p_l an approach is slowed in proportion; at p_l it is refused."
+    return "An approach is slowed as late as still stops in time; at p_l it is refused."
+
+
 def _list(sentences: tuple[str, ...]) -> str:
     return '<ul class="plain">' + "".join(f"<li>{escape(s)}</li>" for s in sentences) + "</ul>"
 
@@ -130,8 +137,7 @@ def render(result: RunResult) -> str:
 {_tiles(result)}
 <section>
 <h2>Clearance</h2>
-<p>True distance between the machine and the limits that came nearest. Between p_u and p_l an approach is slowed in
-proportion; at p_l it is refused. Moving away is never slowed.</p>
+<p>True distance between the machine and the limits that came nearest. {_rule(result)} Moving away is never slowed.</p>
 {clearance_figure(result)}
 </section>
 {position_section(result)}
