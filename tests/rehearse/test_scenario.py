@@ -106,7 +106,7 @@ def test_the_shipped_ones_are_valid_and_say_what_they_assume() -> None:
         loaded = load_scenario(name)
         assert all(path.is_file() for path in loaded.site_files)
         written = yaml.safe_load(loaded.file.read_text())
-        assert written["joints"] == "ideal" and "sensors" in written
+        assert "joints" in written and "sensors" in written  # said, so that defaults may change
 
 
 def test_schema_covers_every_key() -> None:
