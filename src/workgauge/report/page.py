@@ -137,7 +137,8 @@ def render(result: RunResult) -> str:
 {_tiles(result)}
 <section>
 <h2>Clearance</h2>
-<p>True distance between the machine and the limits that came nearest. {_rule(result)} Moving away is never slowed.</p>
+<p>True distance between the machine and the limits that came nearest. {_rule(result)}
+Moving away is never slowed.</p>
 {clearance_figure(result)}
 </section>
 {position_section(result)}
