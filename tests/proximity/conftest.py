@@ -20,6 +20,7 @@ class FreeBoxes:
 
     count: int
     self_pairs: tuple = ()
+    self_stop_distance_m: float | None = None
     link_names: tuple = field(init=False)
     solids: tuple = field(init=False)
 

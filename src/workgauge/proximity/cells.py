@@ -1,10 +1,9 @@
-"""Limits cut into convex cells, each with an oriented box around it, and the plan index over them."""
+"""Limits cut into convex cells, each with an oriented box around it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 
 from workgauge.values.arrays import Floats, Ints, freeze
 from workgauge.values.limits import Limit
@@ -44,7 +43,6 @@ class Cells:
     Attributes:
         limits: (m,) index of each cell's limit. cells: (m,) its index in the limit's chain, -1 for one-cell solids.
         boxes: a box around each cell. lows, highs: (m, 3), the axis-parallel box around that.
-        tree: plan index over lows and highs; its answers are indices of cells.
     """
 
     limits: Ints
@@ -52,16 +50,9 @@ class Cells:
     boxes: OrientedBoxes
     lows: Floats
     highs: Floats
-    tree: shapely.STRtree
 
     def __len__(self) -> int:
         return len(self.limits)
-
-    def near_plan(self, low: Floats, high: Floats) -> Ints:
-        """Return the cells, ascending, whose plan boxes meet the rectangle from low to high (x, y first)."""
-        found: Ints = self.tree.query(shapely.box(low[0], low[1], high[0], high[1]))
-        found.sort()
-        return found
 
 
 def cut(limits: Sequence[Limit]) -> Cells:
@@ -85,8 +76,7 @@ def cut(limits: Sequence[Limit]) -> Cells:
     around = OrientedBoxes(np.concatenate(centres), np.concatenate(axes), np.concatenate(halves))
     reach = around.reach()
     lows, highs = around.centres - reach, around.centres + reach
-    tree = shapely.STRtree(shapely.box(lows[:, 0], lows[:, 1], highs[:, 0], highs[:, 1]))
-    found = Cells(np.concatenate(owners), np.concatenate(indices), around, lows, highs, tree)
+    found = Cells(np.concatenate(owners), np.concatenate(indices), around, lows, highs)
     for array in (found.limits, found.cells, around.centres, around.axes, around.halves, lows, highs):
         freeze(array)
     return found

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from workgauge.machine.arm import arm_of
+from workgauge.machine.arm import Arm, arm_of
 from workgauge.machine.model import Kinematics, MachineModel
 from workgauge.proximity.cells import OrientedBoxes, cut
 from workgauge.proximity.chain import penetrate
 from workgauge.proximity.hulls import Hulls
 from workgauge.proximity.overlap import box_polyhedron, signed_distance
-from workgauge.proximity.pairs import box_gaps, oriented_gaps
+from workgauge.proximity.search import SLACK_M, Rules, packed_cells, search
 from workgauge.proximity.shapes import (
     TOUCHING_M,
     Placed,
@@ -25,22 +25,17 @@ from workgauge.proximity.shapes import (
 )
 from workgauge.proximity.store import CellShapes
 from workgauge.proximity.surface import SurfaceIndex
+from workgauge.proximity.tree import Tree
 from workgauge.proximity.uncertainty import LimitUncertainty
-from workgauge.values.arrays import Floats, Ints, frozen, frozen_ints
+from workgauge.values.arrays import Floats, Ints, freeze, frozen, frozen_ints
 from workgauge.values.clearances import Clearances
-from workgauge.values.limits import Activity, Limit
+from workgauge.values.limits import Limit
 from workgauge.values.solids import Surface, Tube
 
-_ALWAYS = Activity()
-#: Lower bounds may be this much too large by rounding [m].
-_SLACK_M = 1e-9
 #: Solid, limit, cell (of two links: the other solid), other link or -1, distance, way out, point of the machine.
 _Row = tuple[int, int, int, int, float, Floats, Floats]
 #: What decides whether a limit counts: the tick's clock [ns], the work states that are off, the tracks let off.
 _When = tuple[int, frozenset[str], frozenset[str]]
-_ORDER = operator.itemgetter(0, 1, 2)
-#: So many pairs are worth a closer bound before they are measured.
-_MANY_PAIRS = 48
 
 
 class Scene:
@@ -56,7 +51,7 @@ class Scene:
     Attributes:
         uncertainty: what is not sure about the limits.
         largest_stop_m: largest stop distance of a limit's own, or of the machine's links' own [m].
-        arm: the machine's, packed. hulls: the limits' cells, packed.
+        hulls: the limits' cells, packed.
         cell_ranges: (limits + 1,), limit i has the cells from [i] to [i + 1]. cell_boxes: lows and highs (cells, 3).
         surfaces: index of a limit to the number of its surface. no_triangles: two empty columns.
         moving: limits with a velocity.
@@ -79,15 +74,15 @@ class Scene:
         self._stretching = any(solid.stretch is not None for solid in machine.solids)
         self._rest_shapes = box_shapes(frozen([solid.half_extents for solid in machine.solids]))
         names = [machine.link_names[link] for link in self._links]
-        patterns = {limit.exempt_links for limit in self.limits}
-        self._exempt = {links: np.array([name in links for name in names], dtype=np.bool_) for links in patterns}
-        self._exempting = np.array([bool(self._exempt[limit.exempt_links].any()) for limit in self.limits], np.bool_)
-        self._conditional = np.array(
-            [limit.activity != _ALWAYS or limit.own_track_of is not None for limit in self.limits], dtype=np.bool_
-        )
-        self._some_exempting, self._some_conditional = bool(self._exempting.any()), bool(self._conditional.any())
+        self._rules = Rules(self.limits, names)
+        self._when = self._rules.limits, self._rules.exempt
+        self._tree = tuple(Tree.over(self._cells.lows, self._cells.highs))
+        self._packed = (self._cells.lows, self._cells.highs, *packed_cells(self._cells))
         self.uncertainty = LimitUncertainty.of(self.limits, len(machine.link_names))
-        own = [*(limit.stop_distance_m for limit in self.limits), *(machine.self_stop_distance_m,) * (machine.n + 1)]
+        own = [
+            *(limit.stop_distance_m for limit in self.limits),
+            *(machine.self_stop_distance_m,) * len(machine.link_names),
+        ]
         self.largest_stop_m = max(stop or 0.0 for stop in own)
         self._stop_distances = frozen([math.nan if stop is None else stop for stop in own])
         self.cell_ranges = frozen_ints(np.searchsorted(self._cells.limits, np.arange(len(self.limits) + 1)))
@@ -95,13 +90,18 @@ class Scene:
         self.surfaces = {i: number for number, (i, _) in enumerate(self._surfaces)}
         ground = [surface for _, surface in self._surfaces]
         self.hulls = Hulls(self._shapes, np.array(self._radii), self._cells.limits, ground)
-        self.arm = arm_of(machine)
         self.no_triangles = frozen_ints([]), frozen_ints([])
         self.moving = tuple(i for i, limit in enumerate(self.limits) if limit.velocity.any())
         # of two links, the one farther out is the one that moves, the other its limit
         pairs = [(j, i) if self._links[j] > self._links[i] else (i, j) for i, j in machine.self_pairs]
-        self._pairs = tuple(pairs)
         self.pairs = frozen_ints(np.reshape(pairs, (-1, 2)))
+        pairs.sort(key=lambda pair: (pair[0], self._links[pair[1]], pair[1]))
+        self._own_pairs = frozen_ints(np.reshape(pairs, (-1, 2)))
+
+    @property
+    def arm(self) -> Arm:
+        """The machine's chain and boxes, packed."""
+        return arm_of(self.machine)
 
     def triangles_near(self, surface: int, low: Floats, high: Floats) -> Ints:
         """Return the triangles of a surface whose boxes meet the box from low to high (3,), see `SurfaceIndex`."""
@@ -135,49 +135,49 @@ class Scene:
             ValueError: if the pose or the posture is not finite: no answer is never read as free.
         """
         poses, halves = self.machine.solid_poses(kin)
-        boxes = OrientedBoxes.of_poses(T_site_machine @ poses, halves)
-        reach = boxes.reach()
-        lows, highs = boxes.centres - reach, boxes.centres + reach
-        low, high = lows.min(axis=0) - radius_m, highs.max(axis=0) + radius_m
-        if not (math.isfinite(low.sum()) and math.isfinite(high.sum()) and radius_m > 0.0):
-            raise ValueError("proximity needs a finite posture and pose, and a radius above 0")
-        placed = self._placed(boxes)
-        result = new_result()
-        rows: list[_Row] = []
-        when = now_ns, off_states, let_off
-        near = self._near_cells(lows, highs, low, high, radius_m, when)
-        self._measure_cells(rows, boxes, placed, *near, radius_m, result)
-        self._measure_surfaces(rows, boxes, placed, radius_m, when, result)
-        self._measure_links(rows, boxes, placed, radius_m, result)
-        return self._clearances(rows, radius_m)
+        T = np.array(T_site_machine, dtype=np.float64, order="C")
+        hulls, when = self.hulls, (*self._when, self._rules.off(off_states, let_off), now_ns)
+        while True:
+            packed = (hulls.of_cell, hulls.corners, hulls.starts, hulls.radii)
+            finite, lacking, (scalars, vectors, indices, touching, bounds) = search(
+                *(T, poses, halves, float(radius_m), self._tree, self._packed, when, packed),
+                *(self._own_pairs, self._link_of, self._stop_distances),
+            )
+            if not finite:
+                raise ValueError("proximity needs a finite posture and pose, and a radius above 0")
+            if not len(lacking):
+                break
+            hulls.add_cells(lacking)
+        if len(touching) or self._surfaces:
+            rows = self._others(
+                OrientedBoxes.of_poses(T @ poses, halves), touching, bounds, radius_m, (now_ns, off_states, let_off)
+            )
+            if rows:
+                scalars, vectors, indices = self._merged(scalars, vectors, indices, rows)
+        for array in (scalars, vectors, indices):
+            freeze(array)
+        return Clearances(
+            *(scalars[0], vectors[0], vectors[1], vectors[2]),
+            *(indices[0], indices[1], indices[2], indices[3], indices[4], scalars[1], scalars[2]),
+            *(self.machine.link_names, self.limit_ids, radius_m),
+        )
 
-    def _placed(self, boxes: OrientedBoxes) -> list[Placed]:
-        """Return the machine's solids at their poses; only boxes that stretch need a shape of their own."""
+    def _others(
+        self, boxes: OrientedBoxes, touching: Ints, bounds: Floats, radius_m: float, when: _When
+    ) -> list[_Row]:
+        """Return what `search` leaves: solids that touch a limit or each other, and surfaces."""
         shapes = box_shapes(boxes.halves) if self._stretching else self._rest_shapes
-        return [(shape, transform(R, t)) for shape, R, t in zip(shapes, boxes.axes, boxes.centres, strict=True)]
-
-    def _near_cells(
-        self,
-        lows: Floats,
-        highs: Floats,
-        low: Floats,
-        high: Floats,
-        radius_m: float,
-        when: _When,
-    ) -> tuple[Ints, Ints, Floats]:
-        """Return (solid, cell) pairs that may be near and lower bounds, without inactive and exempt ones."""
-        cells = self._cells.near_plan(low, high)
-        limits = self._cells.limits.take(cells)
-        if self._some_conditional and (conditional := self._conditional.take(limits)).any():
-            active = {i: self.limits[i].counts(*when) for i in limits[conditional].tolist()}
-            kept = np.array([active.get(i, True) for i in limits.tolist()], dtype=np.bool_)
-            cells, limits = cells[kept], limits[kept]
-        gaps = box_gaps(lows, highs, self._cells.lows.take(cells, axis=0), self._cells.highs.take(cells, axis=0))
-        close = gaps < radius_m + _SLACK_M
-        for k in np.flatnonzero(self._exempting.take(limits)).tolist() if self._some_exempting else ():
-            close[self._exempt[self.limits[limits[k]].exempt_links], k] = False
-        solids, which = close.nonzero()
-        return solids, cells.take(which), gaps[solids, which]
+        placed = [(shape, transform(R, t)) for shape, R, t in zip(shapes, boxes.axes, boxes.centres, strict=True)]
+        rows: list[_Row] = []
+        result = new_result()
+        cells = touching[:, 1] >= 0
+        found, near = touching[cells], bounds[cells]
+        order = np.lexsort((found[:, 1], near, self._cells.limits.take(found[:, 1]), found[:, 0]))
+        self._measure_cells(rows, boxes, placed, *found[order, :2].T, near[order], radius_m, result)
+        for mover, other in touching[~cells][:, [0, 2]].tolist():
+            self._measure_links(rows, boxes, placed, mover, other, radius_m, result)
+        self._measure_surfaces(rows, boxes, placed, radius_m, when, result)
+        return rows
 
     def _measure_cells(
         self,
@@ -190,14 +190,8 @@ class Scene:
         radius_m: float,
         result: Any,
     ) -> None:
-        """Measure pairs; if there are many, from the nearest bound on, until no cell of the limit can be nearer."""
+        """Measure pairs, sorted by solid, limit, bound and cell, until no cell of the limit can be nearer."""
         limits = self._cells.limits.take(cells)
-        if len(cells) > _MANY_PAIRS:
-            bounds = oriented_gaps(boxes, solids, self._cells.boxes, cells)
-            order = np.lexsort((cells, bounds, limits, solids))
-            order = order[bounds.take(order) < radius_m + _SLACK_M]
-            solids, limits, cells = solids.take(order), limits.take(order), cells.take(order)
-            bounds = bounds.take(order)
         pairs = zip(solids.tolist(), limits.tolist(), cells.tolist(), bounds.tolist(), strict=True)
         solid = limit = -1
         touching_m, best = 0.0, radius_m
@@ -209,7 +203,7 @@ class Scene:
                     rows.append(self._overlap(boxes, solid, limit, touched) if touched else row)
                 solid, limit, row, touched = s, i, None, []
                 touching_m, best = TOUCHING_M - self._radii[i], radius_m
-            if bound >= best + _SLACK_M and bound > _SLACK_M:
+            if bound >= best + SLACK_M and bound > SLACK_M:
                 continue
             distance = measure(self._shapes.placed(cell), placed[s], result)
             if distance <= touching_m:
@@ -247,7 +241,7 @@ class Scene:
             limit = self.limits[i]
             if not limit.counts(*when):
                 continue
-            exempt = self._exempt[limit.exempt_links]
+            exempt = self._rules.exempt[self._rules.limits[i, 4]]
             for s in np.flatnonzero(~exempt).tolist():
                 found = surface.clearance(
                     placed[s], boxes.axes[s], boxes.centres[s], boxes.halves[s], radius_m, result
@@ -256,39 +250,36 @@ class Scene:
                     rows.append((s, i, found.triangle, -1, found.distance, found.normal, found.point_machine))
 
     def _measure_links(
-        self, rows: list[_Row], boxes: OrientedBoxes, placed: list[Placed], radius_m: float, result: Any
+        self,
+        rows: list[_Row],
+        boxes: OrientedBoxes,
+        placed: list[Placed],
+        mover: int,
+        other: int,
+        radius_m: float,
+        result: Any,
     ) -> None:
-        for mover, other in self._pairs:
-            distance = measure(placed[other], placed[mover], result)
-            if distance >= radius_m:
-                continue
-            u, point = direction_and_point(result)
-            if distance <= TOUCHING_M:
-                distance, u, point = signed_distance(box_polyhedron(boxes, other), box_polyhedron(boxes, mover), u)
-            link = self._links[other]
-            rows.append((mover, len(self.limits) + link, other, link, distance, u, point))
+        distance = measure(placed[other], placed[mover], result)
+        if distance >= radius_m:
+            return
+        u, point = direction_and_point(result)
+        if distance <= TOUCHING_M:
+            distance, u, point = signed_distance(box_polyhedron(boxes, other), box_polyhedron(boxes, mover), u)
+        link = self._links[other]
+        rows.append((mover, len(self.limits) + link, other, link, distance, u, point))
 
-    def _clearances(self, rows: list[_Row], radius_m: float) -> Clearances:
-        rows.sort(key=_ORDER)
-        if not rows:
-            return self._nothing(radius_m)
-        solid_column, limit_column, cell_column, other_column, distance_column, *vector_columns = zip(
-            *rows, strict=True
-        )
-        solids, limits, cells, others = np.array((solid_column, limit_column, cell_column, other_column))
-        distances = np.array(distance_column)
-        normals, points_machine = np.concatenate([*vector_columns[0], *vector_columns[1]]).reshape(2, -1, 3)
-        points_limit = points_machine - distances[:, None] * normals
-        links = self._link_of.take(solids)
-        cells[others >= 0] = -1
-        protections, stops = np.zeros(len(rows)), self._stop_distances.take(limits)
-        vectors, indices = (normals, points_machine, points_limit), (links, others, limits, cells, solids)
-        columns = (distances, *vectors, *indices, protections, stops)
-        for column in columns:
-            column.setflags(write=False)
-        return Clearances(*columns, self.machine.link_names, self.limit_ids, radius_m)
-
-    def _nothing(self, radius_m: float) -> Clearances:
-        none, no_vectors, no_indices = frozen([]), frozen(np.empty((0, 3))), frozen_ints([])
-        vectors, indices = (no_vectors,) * 3, (no_indices,) * 5
-        return Clearances(none, *vectors, *indices, none, none, self.machine.link_names, self.limit_ids, radius_m)
+    def _merged(
+        self, scalars: Floats, vectors: Floats, indices: Ints, rows: list[_Row]
+    ) -> tuple[Floats, Floats, Ints]:
+        """Return what `search` found with rows of others among it, in order: by solid, limit, cell."""
+        solids, limits, cells, others, distances, normals, points = zip(*rows, strict=True)
+        count, own = len(rows), np.array(others) >= 0
+        more, arrows, names = np.zeros((3, count)), np.empty((3, count, 3)), np.empty((5, count), np.int64)
+        more[0], more[2] = distances, self._stop_distances.take(limits)
+        arrows[0], arrows[1] = normals, points
+        arrows[2] = arrows[1] - more[0][:, None] * arrows[0]
+        names[:] = self._link_of.take(solids), others, limits, np.where(own, -1, cells), solids
+        scalars, vectors = np.concatenate([scalars, more], axis=1), np.concatenate([vectors, arrows], axis=1)
+        indices = np.concatenate([indices, names], axis=1)
+        order = np.lexsort((indices[3], indices[2], indices[4]))
+        return scalars.take(order, axis=1), vectors.take(order, axis=1), indices.take(order, axis=1)
