@@ -119,7 +119,15 @@ class Worker:
         if cls.drives is None:
             cls.drives = Drives(load_machine(MACHINE), read_site(shipped_site_files(SITE)), load_rule_book(RULES))
         drive = cls.drives.draw(seed, settings(dynamics, dead_time_s))
-        return [((name, dynamics, dead_time_s, seed), run_drive(drive, guard_made(name)).plain()) for name in guards]
+        results = []
+        for name in guards:
+            try:
+                result = run_drive(drive, guard_made(name))
+            except Exception as error:
+                which = f"{name}, {dynamics}, dead time {dead_time_s:g} s, seed {seed}"
+                raise RuntimeError(f"{which}: {type(error).__name__}: {error}") from error
+            results.append(((name, dynamics, dead_time_s, seed), result.plain()))
+        return results
 
 
 class Journal:
