@@ -231,7 +231,12 @@ def _starts(stops: Sequence[Stop]) -> list[Floats]:
 def _best(problem: _Problem, starts: Sequence[Floats]) -> tuple[Floats, float]:
     """Return the parameters of least squares and their cost; the cost has more than one valley."""
     rough = sorted((problem.solve(start, steps=12) for start in starts), key=lambda found: found[1])
-    return min((problem.solve(p) for p, _ in rough[:2]), key=lambda found: found[1])
+    found = [problem.solve(p) for p, _ in rough]
+    p, _ = min(found, key=lambda one: one[1])
+    # where the deceleration binds nowhere, the cost is level in it: begin again from where it does
+    binds = p[LAG] / float(np.max(p[3:]))
+    found += [problem.solve(np.array([p[DEAD], p[LAG], times * binds, *p[3:]])) for times in (1.5, 3.0)]
+    return min(found, key=lambda one: one[1])
 
 
 def _quantisation(stops: Sequence[Stop]) -> float:
