@@ -30,7 +30,7 @@ def asked(first, second, start=None):
 
 
 def hold(first, second, reference, close, start=None):
-    """The laws of every answer: a unit direction that proves what is said; and the whole distance, if there is one."""
+    """The laws of every answer: a unit direction that proves what is said; and the distance, if there is one."""
     said, u = asked(first, second, start)
     size = 1.0 + max(np.abs(first).max(), np.abs(second).max())
     assert abs(np.linalg.norm(u) - 1.0) < 1e-9
