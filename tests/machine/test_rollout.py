@@ -90,46 +90,41 @@ def test_a_machine_that_is_the_model_is_where_it_is_said_to_be(seed, dt):
         assert worst < CLOSE
 
 
+def exactly_timed(model, full, dt):
+    """The roll-out of a machine whose commands act neither early nor late."""
+    rollout = Rollout(model, dt, full[0], full[1])
+    delays = np.broadcast_to((model.dead_time_s.T / dt)[:, None], rollout.packed[0].shape)
+    rollout.packed = (delays.copy(), *rollout.packed[1:])
+    return rollout
+
+
 @settings(max_examples=60, deadline=None)
 @given(seed=seeds, dt=periods)
 def test_nothing_but_timing_makes_an_interval_of_an_exact_model(seed, dt):
     rng = np.random.default_rng(seed)
     model, full = drawn(rng, 0.0)
-    rollout = Rollout(model, dt, full[0], full[1])
-    dead = np.stack([model.dead_time_s.T] * rollout.variants) / dt  # every variant at its very time
-    rollout.packed = (dead.copy(), *rollout.packed[1:])
     nothing = np.zeros((2, N))
     exact = real(model, full, dt, nothing, nothing, nothing)
-    worst, wide = outside(model, full, exact, dt, history(rng, dt), rollout)
+    worst, wide = outside(model, full, exact, dt, history(rng, dt), exactly_timed(model, full, dt))
     assert worst < CLOSE and wide < CLOSE
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=300, deadline=None)
 @given(
     seed=seeds,
     dt=periods,
-    tolerance=st.sampled_from([0.1, 0.3, 0.5]),
-    corner=st.tuples(*(st.sampled_from([-1.0, 1.0]),) * 3),
+    tolerance=st.sampled_from([0.1, 0.3, 0.5, 0.9]),
+    where=st.sampled_from(["corner", "mixed corner", "inside", "one for both directions"]),
 )
-def test_a_machine_at_a_corner_of_the_tolerance_is_within_the_intervals(seed, dt, tolerance, corner):
+def test_a_machine_anywhere_in_the_tolerance_is_within_the_intervals(seed, dt, tolerance, where):
     rng = np.random.default_rng(seed)
     model, full = drawn(rng, tolerance)
-    dead, lag, rate = (np.full((2, N), one) for one in corner)
-    worst, _ = outside(model, full, real(model, full, dt, dead, lag, rate, 0.5 * corner[0]), dt, history(rng, dt))
-    assert worst < CLOSE
-
-
-@settings(max_examples=100, deadline=None)
-@given(seed=seeds, dt=periods, tolerance=st.sampled_from([0.1, 0.3, 0.5]))
-def test_a_machine_anywhere_in_the_tolerance_stops_from_a_steady_run_within_the_intervals(seed, dt, tolerance):
-    rng = np.random.default_rng(seed)
-    model, full = drawn(rng, tolerance)
-    dead, lag, rate = rng.uniform(-1.0, 1.0, (3, 2, N))
-    spec = real(model, full, dt, dead, lag, rate, rng.uniform(-0.5, 0.5))
-    share = rng.uniform(-1.0, 1.0, N)
-    valves = np.broadcast_to(share, (math.ceil(12.0 / dt), N)).copy()
-    worst, wide = outside(model, full, spec, dt, valves)
-    assert worst < CLOSE * 100 and wide > 0.0
+    shape = {"corner": (3, 1, 1), "mixed corner": (3, 2, N), "inside": (3, 2, N)}.get(where, (3, 1, N))
+    draw = rng.choice([-1.0, 1.0], shape) if "corner" in where else rng.uniform(-1.0, 1.0, shape)
+    dead, lag, rate = np.broadcast_to(draw, (3, 2, N))
+    late = float(rng.choice([-0.5, 0.5, rng.uniform(-0.5, 0.5)]))
+    worst, wide = outside(model, full, real(model, full, dt, dead, lag, rate, late), dt, history(rng, dt))
+    assert worst < CLOSE and wide >= 0.0
 
 
 @settings(max_examples=40, deadline=None)
@@ -146,53 +141,57 @@ def test_advancing_is_rolling(seed, dt):
     for velocity in velocities:
         sent = np.concatenate([sent[1:], velocity[None]])
         before, v = v, rollout.advanced(v, sent)
-    for k in range(rollout.variants):  # one variant by itself: its low and high are the same
-        single = Rollout(model, dt, full[0], full[1])
-        single.packed = (*(one[k : k + 1].copy() for one in rollout.packed[:3]), dt)
-        single.marks = rollout.marks
-        earlier = np.concatenate([np.zeros((1, N)), sent[:-1]])
-        then = single.displacements(before[k : k + 1], earlier, sent[-1:])[0][0]
-        now = single.displacements(v[k : k + 1], sent, np.zeros((1, N)))[0][0]
-        assert then[1:] - then[0] == pytest.approx(now[:-1], abs=1e-9 + 60 * dt * RESTING)
+    earlier = np.concatenate([np.zeros((1, N)), sent[:-1]])
+    then = rollout.displacements(before, earlier, sent[-1:])
+    now = rollout.displacements(v, sent, np.zeros((1, N)))
+    for one, other in zip(then, now, strict=True):
+        assert one[0, 1:] - one[0, 0] == pytest.approx(other[0, :-1], abs=1e-9 + 60 * dt * RESTING)
 
 
 @settings(max_examples=40, deadline=None)
-@given(seed=seeds, dt=periods)
-def test_no_command_and_no_motion_is_no_way(seed, dt):
+@given(seed=seeds, dt=periods, tolerance=st.sampled_from([0.0, 0.3]))
+def test_no_command_and_no_motion_is_no_way(seed, dt, tolerance):
     rng = np.random.default_rng(seed)
-    model, full = drawn(rng, 0.3)
-    rollout = Rollout(model, dt, full[0], full[1])
+    model, full = drawn(rng, tolerance)
+    rollout = exactly_timed(model, full, dt) if tolerance == 0.0 else Rollout(model, dt, full[0], full[1])
     sent = np.zeros((rollout.memory, N))
     first = np.stack([np.zeros(N), full[0], -full[1], np.array([full[0, 0], 0.0, 0.0])])
     low, high = rollout.displacements(rollout.rest(), sent, first)
     assert not low[0].any() and not high[0].any()
     assert (low[1] >= -1e-12).all() and (high[2] <= 1e-12).all()
-    assert (high[1, -1] <= full[0] * dt * (1.0 + 1e-6)).all() and (low[2, -1] >= -full[1] * dt * (1.0 + 1e-6)).all()
-    free = np.isinf(model.deceleration)  # what a lag delays is not lost
-    assert high[1, -1][free[0]] == pytest.approx((full[0] * dt)[free[0]], rel=1e-6)
-    assert low[2, -1][free[1]] == pytest.approx((-full[1] * dt)[free[1]], rel=1e-6)
     assert (low <= high + 1e-15).all()
+    if tolerance == 0.0:
+        assert (high[1, -1] <= full[0] * dt * (1.0 + 1e-6)).all() and (
+            low[2, -1] >= -full[1] * dt * (1.0 + 1e-6)
+        ).all()
+        free = np.isinf(model.deceleration)  # what a lag delays is not lost
+        assert high[1, -1][free[0]] == pytest.approx((full[0] * dt)[free[0]], rel=1e-6)
+        assert low[2, -1][free[1]] == pytest.approx((-full[1] * dt)[free[1]], rel=1e-6)
     # what a joint does is its own affair
     assert np.array_equal(high[3, :, 0], high[1, :, 0]) and not high[3, :, 1:].any() and not low[3, :, 1:].any()
 
 
 @settings(max_examples=40, deadline=None)
-@given(seed=seeds)
-def test_a_wider_tolerance_never_narrows_the_final_interval_of_a_steady_run(seed):
+@given(seed=seeds, dt=periods)
+def test_a_wider_tolerance_never_narrows_an_interval(seed, dt):
     rng = np.random.default_rng(seed)
     model, full = drawn(rng, 0.0)
-    dt = 0.02
-    velocity = rng.uniform(-1.0, 1.0, N) * full.min(axis=0)
+    valves = history(rng, dt)
+    velocities = np.where(valves > 0.0, valves * full[0], valves * full[1])
+    moments = np.arange(1.0, 200.0, 7.0)
     before = None
     for tolerance in (0.0, 0.1, 0.2, 0.4):
         wider = StoppingModel(model.dead_time_s, model.lag_s, model.deceleration, np.full((2, N), tolerance))
         rollout = Rollout(wider, dt, full[0], full[1])
-        sent = np.broadcast_to(velocity, (rollout.memory, N))
-        steady = np.broadcast_to(velocity, (rollout.variants, N)).copy()
-        low, high = rollout.displacements(steady, np.array(sent), np.zeros((1, N)))
+        rollout.marks = moments
+        v, sent = rollout.rest(), np.zeros((rollout.memory, N))
+        for velocity in velocities:
+            sent = np.concatenate([sent[1:], velocity[None]])
+            v = rollout.advanced(v, sent)
+        low, high = rollout.displacements(v, sent, np.zeros((1, N)))
         if before is not None:
-            assert (low[0, -1] <= before[0] + 1e-9).all() and (high[0, -1] >= before[1] - 1e-9).all()
-        before = low[0, -1], high[0, -1]
+            assert (low <= before[0] + 1e-6).all() and (high >= before[1] - 1e-6).all()
+        before = low, high
 
 
 @settings(max_examples=40, deadline=None)

@@ -70,38 +70,25 @@ def test_every_machine_within_tolerance_rests_after_the_horizon(seed):
     assert rest.max() <= model.horizon_s(full[0], full[1]) + 0.021
 
 
-@settings(max_examples=25, deadline=None)
-@given(seed=numbers)
-def test_the_slowest_machine_moves_on_farthest_of_all(seed):
-    model, full = drawn(seed)
-    sides = np.random.default_rng(seed).random(N) < 0.5
-    velocity = np.where(sides, full[0], -full[1])
-    slowest = np.abs(model.slowest().stop_travel(velocity))
-    for corner in model.corners():
-        assert (np.abs(corner.stop_travel(velocity)) <= slowest + 1e-12).all()
-    assert not model.slowest().tolerance.any()
-
-
 @settings(max_examples=40, deadline=None)
 @given(seed=numbers, tolerance=st.sampled_from([0.0, 0.1, 0.3, 0.9]))
-def test_corners_span_the_tolerance(seed, tolerance):
-    model, _ = drawn(seed, tolerance)
-    corners = model.corners()
-    for name, low, high in (
-        ("dead_time_s", 1.0 - tolerance, 1.0 + tolerance),
-        ("lag_s", 1.0 - tolerance, 1.0 + tolerance),
-        ("deceleration", 1.0 / (1.0 + tolerance), 1.0 + tolerance),
+def test_the_spread_is_the_tolerance_and_the_slowest_its_worst_corner(seed, tolerance):
+    model, full = drawn(seed, tolerance)
+    dead, lag, rate = model.spread()
+    for values, own, low in (
+        (dead, model.dead_time_s, 1.0 - tolerance),
+        (lag, model.lag_s, 1.0 - tolerance),
+        (rate, model.deceleration, 1.0 / (1.0 + tolerance)),
     ):
-        values = np.stack([getattr(corner, name) for corner in corners])
-        own = getattr(model, name)
-        assert values.min(axis=0) == pytest.approx(low * own) and values.max(axis=0) == pytest.approx(high * own)
-    # the late ones come first, the early ones last, as many of each delay: what rolling out counts on
-    delays = np.stack([corner.dead_time_s for corner in corners])
-    assert len(corners) % 3 == 0 and (np.diff(delays, axis=0) <= 1e-12).all()
-    thirds = delays.reshape(3, -1, 2, N)
-    assert (thirds == thirds[:, :1]).all()
-    for corner in corners:
-        assert not corner.tolerance.any()
+        assert values.shape == (2, 2, N)
+        assert values[0] == pytest.approx(low * own) and values[1] == pytest.approx((1.0 + tolerance) * own)
+    slowest = model.slowest()
+    assert not slowest.tolerance.any()
+    assert np.array_equal(slowest.dead_time_s, dead[1]) and np.array_equal(slowest.lag_s, lag[1])
+    assert slowest.deceleration == pytest.approx(rate[0])
+    inside = HydraulicSpec.of(model, full).varied(seed, model.tolerance)
+    for values, drawn_ones in ((dead, inside.dead_time_s), (lag, inside.lag_s), (rate, inside.deceleration)):
+        assert (values[0] <= drawn_ones * (1 + 1e-12)).all() and (drawn_ones <= values[1] * (1 + 1e-12)).all()
 
 
 def test_an_ideal_machine_stops_at_once():
