@@ -21,8 +21,8 @@ from workgauge.values.arrays import Floats, freeze
 from workgauge.values.errors import InputError
 from workgauge.values.reasons import Reason
 
-#: A verified stop may fall short by this much: below the rounding of the bounds [m].
-SHORT_M = 1e-7
+#: A verified stop may fall short by this much, as a straight step along a curved bound does [m].
+SHORT_M = 2e-6
 #: What is asked anew when a command does not verify: so much of it, then so much of that, then nothing.
 TRIALS = (0.5, 0.5)
 
@@ -31,13 +31,14 @@ TRIALS = (0.5, 0.5)
 class BarrierGuard:
     """Stops in time on late and sluggish joints, lets go at once, and never moves a joint that is not asked to move.
 
-    Each tick, the commands in flight are rolled out through the machine's stopping model at the corners of its
-    tolerance, followed by nothing: that is the stop in hand. Along it, every clearance's slack is what is left above
-    stop distance and protection level; see `proximity.sweep`. What the command of this one tick adds to the stop is
-    linear to the millimetre: each joint gets the share of its wish, 0 to 1, nearest to 1 in the sum of squares, such
-    that no slack shrinks by more than the share `dt / ease_s` of itself, and none below zero shrinks at all. Then the
-    chosen command is rolled out in turn and every slack computed anew; if one falls short of zero (or of what it had,
-    below zero), half of the command is tried, a quarter, then the stop in hand.
+    Each tick, the commands in flight are rolled out through the machine's stopping model, followed by nothing, to
+    bounds that hold for every joint within tolerance: that is the stop in hand. Along it, every clearance's slack is
+    what is left above stop distance and protection level; see `proximity.sweep`. What the command of this one tick
+    adds to the stop is linear to the millimetre: each joint gets the share of its wish, 0 to 1, nearest to 1 in the
+    sum of squares, such that no slack shrinks by more than the share `dt / ease_s` of itself, and none below zero
+    shrinks at all. Then the chosen command is rolled out in turn and every slack computed anew; if one falls short of
+    zero by more than a quarter of the margin (or of what it had, below that), half of the command is tried, a quarter,
+    then the stop in hand.
 
     Inside a limit nothing may lead deeper, everything else stays enforced, and the guard seeks a way out: it says one
     when the wish is refused, drives it when asked to (`exit_share`), or names what pins the machine.
@@ -45,16 +46,16 @@ class BarrierGuard:
     Attributes:
         stop_distance_m: kept to limits that name none of their own.
         ease_s: time constant of the approach: the speed at which slack is used up is at most slack / ease_s.
-        margin_m: kept besides, for what is computed to the millimetre only: way between the moments looked at.
+        margin_m: kept besides, for what is computed to the millimetre only: the way between the moments looked at.
         cushion_s: time constant of the end cushion.
         spacing_m: no corner moves farther between two postures looked at.
     """
 
     stop_distance_m: float = 0.2
     ease_s: float = 0.15
-    margin_m: float = 0.005
+    margin_m: float = 0.008
     cushion_s: float = 0.3
-    spacing_m: float = 0.15
+    spacing_m: float = 0.2
 
     def __post_init__(self) -> None:
         for name, low, high in (
@@ -88,8 +89,8 @@ class BarrierGuard:
         self, sent: Floats | None, machine: MachineModel, dt_s: float, elapsed_s: float, memory: Memory
     ) -> Memory:
         """Return the memory after a tick in which nobody asked; what is in flight goes on flying."""
-        speeds, flying = flown(rollout_of(machine, dt_s), sent, elapsed_s, memory)
-        return {"group": -1, "speeds": speeds, "flying": flying}
+        speeds, flying, late_s = flown(rollout_of(machine, dt_s), sent, elapsed_s, memory)
+        return {"group": -1, "speeds": speeds, "flying": flying, "late_s": late_s}
 
     def allow(self, given: GuardInput, memory: Memory) -> tuple[GuardResult, Memory]:
         """Return the velocity that may be driven, why, what each lever may still do, and what to remember.
@@ -103,7 +104,7 @@ class BarrierGuard:
         if wrong is not None:
             kept = self.idle(given.sent, around.machine, given.dt_s, elapsed_s, memory)
             return full_stop(len(given.joint_names), wrong), kept
-        speeds, flying = flown(rollout, given.sent, elapsed_s, memory)
+        speeds, flying, late_s = flown(rollout, given.sent, elapsed_s, memory)
         found: Exit | None = None
         if given.exit_share is not None:
             velocity, found = self._driven_out(around, given, rollout, speeds, flying)
@@ -113,7 +114,7 @@ class BarrierGuard:
         rows, changes, alpha = stop.rows, plan.changes(stop.rows), min(given.dt_s / self.ease_s, 1.0)
         flow_rows, flow_most = _flow(around.machine, wish)
         solved = share(
-            *(changes[WISH], rows.slack, alpha),
+            *(changes[WISH], rows.room, alpha),
             keep_direction=given.keep_direction,
             flow_rows=flow_rows,
             flow_most=flow_most,
@@ -132,14 +133,14 @@ class BarrierGuard:
         ranges = None
         if given.tool_rates is not None:
             ranges = lever_ranges(
-                *(changes[PLUS], changes[MINUS], rows.slack, alpha),
+                *(changes[PLUS], changes[MINUS], rows.room, alpha),
                 *(given.speed_positive, given.speed_negative, given.tool_rates),
                 ends_positive=plan.ends[PLUS],
                 ends_negative=plan.ends[MINUS],
                 clearance_of=rows.clearances,
             )
         result = GuardResult(allowed, tuple(reasons), scale, ranges, found)
-        return result, {"group": group, "speeds": speeds, "flying": flying}
+        return result, {"group": group, "speeds": speeds, "flying": flying, "late_s": late_s}
 
     def _rolled(
         self,
@@ -154,6 +155,7 @@ class BarrierGuard:
         plan = Plan(
             *(rollout, given, speeds, flying, wish),
             spacing_m=self.spacing_m,
+            bend_m=0.25 * self.margin_m,
             farthest=around.scene.arm.farthest,
             cushion=min(given.dt_s / self.cushion_s, 1.0),
         )
@@ -182,7 +184,7 @@ class BarrierGuard:
         found: list[Exit] = []
         for group in groups or (tuple(range(n)),):
             free = np.array([j in group or j not in grouped for j in range(n)])
-            found.append(way_out(rows.rows, rows.slack, low * free, high * free))
+            found.append(way_out(rows.rows, rows.slack, low * free, high * free, room=rows.room))
         out = [one for one in found if isinstance(one, WayOut)]
         return max(out, key=lambda one: one.gain) if out else found[0]
 
@@ -206,7 +208,7 @@ class BarrierGuard:
         """Return what of a command is verified: all, half, a quarter, or none of it."""
         kept = 1.0
         for again in (*TRIALS, 0.0):
-            if not command.any() or stop.shortfall(plan.way_after(command * kept)) <= SHORT_M:
+            if not command.any() or stop.shortfall(plan.way_after(command * kept), 0.25 * self.margin_m) <= SHORT_M:
                 return kept
             kept *= again
         return 0.0

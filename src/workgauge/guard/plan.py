@@ -14,24 +14,27 @@ from workgauge.values.compiled import njit
 NONE, WISH, PLUS, MINUS = range(4)
 
 
-def flown(rollout: Rollout, sent: Floats | None, elapsed_s: float, memory: Memory) -> tuple[Floats, Floats]:
-    """Return the speeds (V, n) of the corner machines now, and the commands in flight (H, n), the newest last.
+def flown(rollout: Rollout, sent: Floats | None, elapsed_s: float, memory: Memory) -> tuple[Floats, Floats, float]:
+    """Return the bounds of the speeds (2, n) now, the commands in flight (H, n), the newest last, and what
+    of the time is not counted yet, less than half a tick [s].
 
     Args:
         rollout: the stopping model. sent: (n,) velocities the valves have asked for since the last tick, None for
             none. elapsed_s: since then; more than a tick's period if ticks were missed.
         memory: of the last tick; an empty one, or one of another model, stands for a machine at rest.
     """
-    speeds, flying = memory.get("speeds"), memory.get("flying")
+    speeds, flying, late_s = memory.get("speeds"), memory.get("flying"), float(memory.get("late_s", 0.0))
     speeds = rollout.rest() if speeds is None else np.asarray(speeds, dtype=np.float64)
     flying = np.zeros((rollout.memory, rollout.n)) if flying is None else np.asarray(flying, dtype=np.float64)
-    if speeds.shape != (rollout.variants, rollout.n) or flying.shape != (rollout.memory, rollout.n):
+    if speeds.shape != (2, rollout.n) or flying.shape != (rollout.memory, rollout.n):
         speeds, flying = rollout.rest(), np.zeros((rollout.memory, rollout.n))
-    ticks = min(max(round(elapsed_s / rollout.dt_s), 1), rollout.memory)
+    passed_s = elapsed_s + late_s
+    ticks = min(max(round(passed_s / rollout.dt_s), 1), rollout.memory + round(rollout.rest_ticks))
+    late_s = max(min(passed_s - ticks * rollout.dt_s, 0.5 * rollout.dt_s), -0.5 * rollout.dt_s)
     speeds, flying = _fly(speeds, flying, np.zeros(rollout.n) if sent is None else sent, ticks, rollout.packed)
     freeze(speeds)
     freeze(flying)
-    return speeds, flying
+    return speeds, flying, late_s
 
 
 class Plan:
@@ -40,8 +43,8 @@ class Plan:
     Args:
         rollout: the stopping model. given: of this tick. speeds, flying: see `flown`.
         wish: (n,) what the joints themselves allow of what is desired.
-        spacing_m: no corner moves farther between two postures looked at. farthest: (n,) how far from each joint's
-            axis a corner may be [m].
+        spacing_m, bend_m: no corner moves farther between two postures looked at, nor farther off the straight way
+            (of the joints) between them than `bend_m`. farthest: (n,) how far from each joint's axis a corner may be [m].
         cushion: one tick uses up at most this share of what is left between a joint's end and where it would rest.
 
     Attributes:
@@ -60,6 +63,7 @@ class Plan:
         wish: Floats,
         *,
         spacing_m: float,
+        bend_m: float,
         farthest: Floats,
         cushion: float,
     ) -> None:
@@ -68,7 +72,7 @@ class Plan:
         self._middle, self._width, self._looked, way, self.reach, self.ends = _plan(
             *(speeds, flying, wish, rollout.packed, rollout.marks, rollout.rest_ticks),
             *(given.q, given.q_min, given.q_max, given.speed_positive, given.speed_negative, tool),
-            *(spacing_m, farthest, cushion),
+            *(spacing_m, bend_m, farthest, cushion),
         )
         self.way = Way(*way)
 
@@ -117,6 +121,39 @@ def _within(out: Any, q: Any, q_min: Any, q_max: Any, middle: Any, width: Any) -
 
 
 @njit(cache=True)
+def _looked_at(middle: Any, width: Any, spacing: float, bend: float, farthest: Any) -> Any:
+    """Return the marks to look at, the first and the last among them, see `Plan`; middle, width (M, n)."""
+    total, n = middle.shape
+    looked, count, m = np.zeros(total, np.int64), 1, 0
+    while m < total - 1:
+        best = m + 1
+        for end in range(m + 2, total):
+            size, moved = 0.0, 0.0
+            for j in range(n):
+                step = farthest[j] * (middle[end, j] - middle[m, j])
+                size, moved = size + step * step, moved + abs(step)
+            worst = 0.0
+            for between in range(m + 1, end):
+                share = 0.0
+                for j in range(n):
+                    share += farthest[j] ** 2 * (middle[end, j] - middle[m, j]) * (middle[between, j] - middle[m, j])
+                share = min(max(share / size, 0.0), 1.0) if size > 0.0 else 0.0
+                off = 0.0
+                for j in range(n):
+                    on_way = middle[m, j] + share * (middle[end, j] - middle[m, j])
+                    wide = width[m, j] + share * (width[end, j] - width[m, j])
+                    off += farthest[j] * (abs(middle[between, j] - on_way) + max(width[between, j] - wide, 0.0))
+                worst = max(worst, off)
+            if moved > spacing or worst > bend:
+                break
+            best = end
+        m = best
+        looked[count] = m
+        count += 1
+    return looked[:count].copy()
+
+
+@njit(cache=True)
 def _plan(
     speeds: Any,
     flying: Any,
@@ -131,6 +168,7 @@ def _plan(
     negative: Any,
     tool: Any,
     spacing: float,
+    bend: float,
     farthest: Any,
     cushion: float,
 ) -> Any:
@@ -144,19 +182,8 @@ def _plan(
     middle, width = np.empty((4, total, n)), np.empty((4, total, n))
     _within(out, q, q_min, q_max, middle, width)
 
-    looked, count, done, before = np.empty(total, np.int64), 0, 0.0, 0.0
-    for m in range(total):
-        moved = 0.0
-        for j in range(n):
-            moved += farthest[j] * abs(middle[0, m, j] - (middle[0, m - 1, j] if m else 0.0))
-        done += moved
-        if count and done - before > spacing and looked[count - 1] != m - 1:  # the mark before this one is needed
-            looked[count], before = m - 1, done - moved
-            count += 1
-        if count == 0 or (m == total - 1 and looked[count - 1] != m):
-            looked[count], before = m, done
-            count += 1
-    looked = looked[:count].copy()
+    looked = _looked_at(middle[0], width[0], spacing, bend, farthest)
+    count = len(looked)
     postures, widths, times = np.empty((count, n)), np.empty((count, n)), np.empty(count)
     for p in range(count):
         times[p] = min(marks[looked[p]], rest_ticks) * dt

@@ -1,7 +1,7 @@
 """The tick: inputs, memory and configuration in; command bytes, memory and trace out; nothing else."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -64,7 +64,7 @@ class Trace:
 def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[TickOutputs, TickMemory, Trace]:
     """Return the command for this period, the memory for the next, and what was seen and done.
 
-    Freshness, kinematics, proximity, protection levels, motion, ramp, guard, drive, gate, in this order. Pure: the
+    Freshness, kinematics, proximity, protection levels, motion, guard, drive, ramp, gate, in this order. Pure: the
     same arguments give the same bytes. An input that is missing, old, from the future, of another machine or not made
     of numbers stops every joint with the reason, and so does a position not to be used, or so uncertain that a limit
     out of sight may matter; no measurement makes it raise.
@@ -90,9 +90,18 @@ def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[Ti
             wanted, hindered, motion_memory = desired(
                 seen.intent, kin, machine, seen.pose.T_site_machine, memory.motion, config.motion
             )
-            given = _guard_input(_ramped(wanted, memory, kin, config), kin, clearances, rows, config)
-            given = replace(
-                given,
+            given = GuardInput(
+                desired=wanted,
+                q=kin.q,
+                q_min=machine.q_min,
+                q_max=machine.q_max,
+                speed_positive=machine.speed_positive,
+                speed_negative=machine.speed_negative,
+                clearances=clearances,
+                rows=rows,
+                dt_s=config.dt_s,
+                joint_names=machine.joint_names,
+                exclusive_groups=machine.exclusive_groups,
                 keep_direction=seen.intent.mode is not DriveMode.JOINT,
                 sent=sent,
                 elapsed_s=elapsed_s,
@@ -117,14 +126,6 @@ def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[Ti
     q = seen.posture.q if seen.posture is not None else None
     trace = Trace(now, q, wanted, allowed, gate.valves, clearances, tuple(reasons), scale, ranges, way_out)
     return TickOutputs(frame), after, trace
-
-
-def _ramped(wanted: Floats, memory: TickMemory, kin: Kinematics, config: TickConfig) -> Floats:
-    """Return the wanted velocity (n,) as far as the valves may open by now: what the guard judges can be sent."""
-    at = kin.q.tolist()
-    openings = config.drive.valves(wanted.tolist(), at, memory.valves)
-    ramp = ramped(memory.valves, openings, config.max_step, config.drive.jump)
-    return wanted if ramp == openings else np.array(config.drive.velocity(ramp, at))
 
 
 def _clearances(
@@ -154,25 +155,6 @@ def _clearances(
     how = f"up to {largest:.2f} m" if math.isfinite(largest) else "by more than can be said"
     text = f"clearances may be wrong {how}, limits are known for {max(covered, 0.0):.2f} m"
     return clearances, rows, around, Reason(ReasonCode.POSITION_UNSURE, text, protection_m=largest, scale=0.0)
-
-
-def _guard_input(
-    wanted: Floats, kin: Kinematics, clearances: Clearances, rows: Floats, config: TickConfig
-) -> GuardInput:
-    machine = config.machine
-    return GuardInput(
-        desired=wanted,
-        q=kin.q,
-        q_min=machine.q_min,
-        q_max=machine.q_max,
-        speed_positive=machine.speed_positive,
-        speed_negative=machine.speed_negative,
-        clearances=clearances,
-        rows=rows,
-        dt_s=config.dt_s,
-        joint_names=machine.joint_names,
-        exclusive_groups=machine.exclusive_groups,
-    )
 
 
 def _vetted(

@@ -16,7 +16,7 @@ INSTANT = 1e9
 #: Between a command and its effect lies up to half a tick more or less than the dead time: ticks and bus are not one.
 TIMING = 0.5
 #: At most so many moments are looked at while the machine is fast.
-MOST_DENSE = 24
+MOST_DENSE = 36
 #: A lag is over after so many time constants: a thousandth of the speed is left.
 SETTLED = 7.0
 #: A mark this far after the last command is at rest [s].
@@ -68,50 +68,74 @@ def _step(v: float, w: float, lag: Any, rate: Any, dt: float) -> tuple[float, fl
 
 
 @njit(cache=True)
+def _window(times: Any, asked: Any, count: int, first: int, last: int, side: int) -> tuple[float, float]:
+    """Return the least and the greatest that one side was asked for by the commands first to last."""
+    low, high = math.inf, -math.inf
+    for i in range(first, last + 1):
+        u = asked[i]
+        if (u > 0.0) != (side == 0):
+            u = 0.0
+        low, high = min(low, u), max(high, u)
+    return low, high
+
+
+@njit(cache=True)
 def _follow(
     times: Any,
     asked: Any,
     count: int,
     begin: float,
     end: float,
-    v: float,
-    way: float,
+    state: Any,
     delay: Any,
     lag: Any,
     rate: Any,
     dt: float,
     marks: Any,
     m: int,
-    least: Any,
-    most: Any,
-) -> tuple[float, float, int]:
-    """Move one joint on from `begin` to `end` and take its way in at every mark passed; speed, way, next mark.
+    low: Any,
+    high: Any,
+) -> int:
+    """Move one joint's bounds on from `begin` to `end` [ticks] and note the ways at every mark passed; next mark.
 
     times, asked (count): when the command became what, in ticks from now. One direction's valve side follows what of
-    it is positive, the other what is negative, each after its own `delay`. Time is cut where either changes.
+    it is positive, the other what is negative, each with its own dead time. state (4): lower and upper bound of the
+    speed, and of the way made. delay (2, 2: least and greatest, sides) in ticks, lag, rate (2, 2: slow and quick,
+    sides). The upper bound follows the greatest speed that any dead time may ask for now, quickly upwards and slowly
+    downwards; the lower bound the least, the other way round: whatever dead time, lag and rate a joint within
+    tolerance has, and even if they change, it stays in between (comparison of scalar differential equations).
     """
-    t, i0, i1 = begin, 0, 0
+    t = begin
+    early, late = np.zeros(2, np.int64), np.zeros(2, np.int64)
     while t < end:
-        while i0 + 1 < count and times[i0 + 1] + delay[0] <= t:
-            i0 += 1
-        while i1 + 1 < count and times[i1 + 1] + delay[1] <= t:
-            i1 += 1
-        stop = end
-        if i0 + 1 < count:
-            stop = min(stop, times[i0 + 1] + delay[0])
-        if i1 + 1 < count:
-            stop = min(stop, times[i1 + 1] + delay[1])
-        w = max(asked[i0], 0.0) + min(asked[i1], 0.0)
+        stop, least, most = end, 0.0, 0.0
+        for side in range(2):
+            while early[side] + 1 < count and times[early[side] + 1] + delay[0, side] <= t:
+                early[side] += 1
+            while late[side] + 1 < count and times[late[side] + 1] + delay[1, side] <= t:
+                late[side] += 1
+            if early[side] + 1 < count:
+                stop = min(stop, times[early[side] + 1] + delay[0, side])
+            if late[side] + 1 < count:
+                stop = min(stop, times[late[side] + 1] + delay[1, side])
+            down, up = _window(times, asked, count, late[side], early[side], side)
+            least += down
+            most += up
         while t < stop:
             mark = marks[m] if m < len(marks) else math.inf
             until = mark if mark <= stop else stop
-            v, made = _step(v, w, lag, rate, (until - t) * dt)
-            way += made
+            span = (until - t) * dt
+            i = 1 if least < state[0] else 0
+            state[0], made = _step(state[0], least, lag[i], rate[i], span)
+            state[2] += made
+            i = 1 if most > state[1] else 0
+            state[1], made = _step(state[1], most, lag[i], rate[i], span)
+            state[3] += made
             t = until
             if mark <= stop:
-                least[m], most[m] = min(least[m], way), max(most[m], way)
+                low[m], high[m] = state[2], state[3]
                 m += 1
-    return v, way, m
+    return m
 
 
 @njit(cache=True)
@@ -130,78 +154,42 @@ def _commands(sent: Any, j: int, times: Any, asked: Any) -> int:
 def roll(sent: Any, v: Any, first: Any, delay: Any, lag: Any, rate: Any, dt: float, marks: Any, out: Any) -> None:
     """Fill out (2, C, n, M) with the least and greatest displacement of every joint at each mark (M).
 
-    sent (H, n): velocities commanded so far, the last one acting until now. v (V, n): speeds now. first (C, n): the
-    command of the tick that begins, zeros follow. delay, lag, rate (V, n, 2), delay in ticks. What a command
-    changes begins after its dead time: until then all first commands share one way.
+    sent (H, n): velocities commanded so far, the last one acting until now. v (2, n): bounds of the speeds now. first
+    (C, n): the command of the tick that begins, zeros follow. delay (n, 2, 2) in ticks, lag, rate (n, 2, 2), see
+    `_follow`. What a command changes begins after the least dead time: until then all first commands share one way.
     """
-    commands, joints, variants, total = first.shape[0], first.shape[1], v.shape[0], len(marks)
-    out[0], out[1] = math.inf, -math.inf
+    commands, joints, total = first.shape[0], first.shape[1], len(marks)
     least, most = np.empty(total), np.empty(total)
     times, asked = np.empty(sent.shape[0] + 3), np.empty(sent.shape[0] + 3)
+    begun, state = np.empty(4), np.empty(4)
     for j in range(joints):
         count = _commands(sent, j, times, asked)
-        rests = count == 1
-        for k in range(variants):
-            rests = rests and v[k, j] == 0.0
-        for k in range(variants):
-            fork = min(delay[k, j, 0], delay[k, j, 1])
-            least[:], most[:] = math.inf, -math.inf
-            speed, way, m = v[k, j], 0.0, 0
-            if rests:
-                while m < total and marks[m] <= fork:
-                    least[m] = most[m] = 0.0
-                    m += 1
-            else:
-                speed, way, m = _follow(
-                    times,
-                    asked,
-                    count,
-                    0.0,
-                    fork,
-                    speed,
-                    way,
-                    delay[k, j],
-                    lag[k, j],
-                    rate[k, j],
-                    dt,
-                    marks,
-                    m,
-                    least,
-                    most,
-                )
-            for c in range(commands):
-                if _known(first, c, j) < c:
-                    continue
-                low, high = out[0, c, j], out[1, c, j]
-                for i in range(m):
-                    low[i], high[i] = min(low[i], least[i]), max(high[i], most[i])
-                if rests and first[c, j] == 0.0:
-                    for i in range(m, total):
-                        low[i], high[i] = min(low[i], 0.0), max(high[i], 0.0)
-                    continue
-                times[count], asked[count] = 0.0, first[c, j]
-                times[count + 1], asked[count + 1] = 1.0, 0.0
-                _follow(
-                    times,
-                    asked,
-                    count + 2,
-                    fork,
-                    marks[-1],
-                    speed,
-                    way,
-                    delay[k, j],
-                    lag[k, j],
-                    rate[k, j],
-                    dt,
-                    marks,
-                    m,
-                    low,
-                    high,
-                )
+        rests = count == 1 and v[0, j] == 0.0 and v[1, j] == 0.0
+        fork = min(delay[j, 0, 0], delay[j, 0, 1])
+        begun[0], begun[1], begun[2], begun[3] = v[0, j], v[1, j], 0.0, 0.0
+        m = 0
+        if rests:
+            while m < total and marks[m] <= fork:
+                least[m] = most[m] = 0.0
+                m += 1
+        else:
+            m = _follow(times, asked, count, 0.0, fork, begun, delay[j], lag[j], rate[j], dt, marks, m, least, most)
         for c in range(commands):
+            low, high = out[0, c, j], out[1, c, j]
             before = _known(first, c, j)
             if before < c:
-                out[0, c, j], out[1, c, j] = out[0, before, j], out[1, before, j]
+                low[:], high[:] = out[0, before, j], out[1, before, j]
+                continue
+            low[:m], high[:m] = least[:m], most[:m]
+            if rests and first[c, j] == 0.0:
+                low[m:], high[m:] = 0.0, 0.0
+                continue
+            times[count], asked[count] = 0.0, first[c, j]
+            times[count + 1], asked[count + 1] = 1.0, 0.0
+            state[:] = begun
+            _follow(
+                times, asked, count + 2, fork, marks[-1], state, delay[j], lag[j], rate[j], dt, marks, m, low, high
+            )
 
 
 @njit(cache=True)
@@ -215,33 +203,18 @@ def _known(first: Any, c: int, j: int) -> int:
 
 @njit(cache=True)
 def advance(sent: Any, v: Any, delay: Any, lag: Any, rate: Any, dt: float, out: Any) -> None:
-    """Fill out (V, n) with the speeds now, v (V, n) being those a tick ago."""
+    """Fill out (2, n) with bounds of the speeds now, v (2, n) being those a tick ago."""
     times, asked, none = np.empty(sent.shape[0] + 1), np.empty(sent.shape[0] + 1), np.empty(0)
-    marks = np.empty(0, np.int64)
+    state = np.empty(4)
     for j in range(v.shape[1]):
         count = _commands(sent, j, times, asked)
-        for k in range(v.shape[0]):
-            out[k, j] = 0.0
-            if count > 1 or v[k, j] != 0.0:
-                out[k, j], _, _ = _follow(
-                    times,
-                    asked,
-                    count,
-                    -1.0,
-                    0.0,
-                    v[k, j],
-                    0.0,
-                    delay[k, j],
-                    lag[k, j],
-                    rate[k, j],
-                    dt,
-                    marks,
-                    0,
-                    none,
-                    none,
-                )
-            if count == 1 and abs(out[k, j]) < RESTING:
-                out[k, j] = 0.0
+        out[0, j] = out[1, j] = 0.0
+        if count > 1 or v[0, j] != 0.0 or v[1, j] != 0.0:
+            state[0], state[1], state[2], state[3] = v[0, j], v[1, j], 0.0, 0.0
+            _follow(times, asked, count, -1.0, 0.0, state, delay[j], lag[j], rate[j], dt, none, 0, none, none)
+            out[0, j], out[1, j] = state[0], state[1]
+        if count == 1 and max(abs(out[0, j]), abs(out[1, j])) < RESTING:
+            out[0, j] = out[1, j] = 0.0
 
 
 def _marks(model: StoppingModel, dt_s: float, speeds: Floats, dense_s: float) -> Ints:
@@ -271,7 +244,7 @@ class Rollout:
         marks: (M,) the moments looked at, in ticks from now; the last stands for rest.
         rest_ticks: until all but a thousandth of any speed is gone.
         memory: commands this many ticks old may still act.
-        packed: what `roll` and `advance` take of the model: delays, lags, rates (V, n, 2), the tick's period.
+        packed: what `roll` and `advance` take of the model: delays, lags, rates (n, 2, 2), the tick's period.
     """
 
     def __init__(
@@ -280,28 +253,30 @@ class Rollout:
         dt_s: float,
         speed_positive: Floats,
         speed_negative: Floats,
-        dense_s: float = 0.04,
+        dense_s: float = 0.03,
     ) -> None:
-        corners = model.corners()
         self.dt_s = dt_s
-        late = np.array([TIMING, 0.0, -TIMING])[np.arange(len(corners)) * 3 // len(corners)]
-        delay = np.stack([one.dead_time_s.T for one in corners]) / dt_s + late[:, None, None]
-        lag = np.stack([one.lag_s.T for one in corners])
-        rate = np.minimum(np.stack([one.deceleration.T for one in corners]), INSTANT)
-        # in memory one joint's numbers lie side by side, whatever the shapes they came from
-        self.packed = np.maximum(delay, 0.0).copy(), lag.copy(), rate.copy(), float(dt_s)
+        delay, lag, rate = model.spread()
+        timing = np.array([-TIMING, TIMING])[:, None, None]
+        # (n, 2, 2): joint, least and greatest (of lag and rate: slow and quick), side
+        self.packed = (
+            np.maximum(delay / dt_s + timing, 0.0).transpose(2, 0, 1).copy(),
+            lag[::-1].transpose(2, 0, 1).copy(),
+            np.minimum(rate, INSTANT).transpose(2, 0, 1).copy(),
+            float(dt_s),
+        )
         self.memory = math.ceil(float(self.packed[0].max(initial=0.0))) + 2
         self.marks = _marks(model, dt_s, np.stack([speed_positive, speed_negative]), dense_s).astype(np.float64)
         self.rest_ticks = float(self.marks[-1])
         self.marks[-1] = FOR_EVER / dt_s
-        self.variants, self.n = len(corners), model.n
+        self.n = model.n
 
     def rest(self) -> Floats:
-        """Return the speeds (V, n) of a machine at rest."""
-        return np.zeros((self.variants, self.n))
+        """Return the bounds of the speeds (2, n) of a machine at rest."""
+        return np.zeros((2, self.n))
 
     def advanced(self, v: Floats, sent: Floats) -> Floats:
-        """Return the speeds (V, n) one tick later; sent (H, n) has the command of that tick as its last."""
+        """Return the bounds of the speeds (2, n) a tick later; sent (H, n) ends with the command of that tick."""
         out = np.empty_like(v)
         advance(sent, v, *self.packed, out)
         return out

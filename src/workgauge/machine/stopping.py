@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
@@ -17,7 +16,8 @@ class StoppingModel:
     A joint's two directions are two valve sides, each with its own dead time: the speed asked for is that of the
     positive side, `dead_time` old, less that of the negative side. The joint follows it with a first-order lag and
     never changes its speed faster than its deceleration. Real values lie within `tolerance` of the model's, relative:
-    dead time and lag from `1 - tolerance` to `1 + tolerance` of it, deceleration from 1 / (1 + tolerance) of it up.
+    dead time and lag from `1 - tolerance` to `1 + tolerance` of it, deceleration from 1 / (1 + tolerance) to
+    1 + tolerance of it: a joint that stops much sooner than another stops the other's way out, too.
 
     Attributes:
         dead_time_s, lag_s, deceleration, tolerance: (2, n), positive direction first; deceleration in rad/s^2, m/s^2.
@@ -55,15 +55,14 @@ class StoppingModel:
         none = np.zeros_like(self.tolerance)
         return StoppingModel(self.dead_time_s * grown, self.lag_s * grown, self.deceleration / grown, none)
 
-    def corners(self) -> tuple["StoppingModel", ...]:
-        """Return the machines at the corners of the tolerance: early and late, each quick and sluggish."""
-        t, none = self.tolerance, np.zeros_like(self.tolerance)
-        delays = self.dead_time_s * (1.0 + t), self.dead_time_s, self.dead_time_s * (1.0 - t)
-        if not t.any():
-            return tuple(StoppingModel(delay, self.lag_s, self.deceleration, none) for delay in delays)
-        lags = self.lag_s * (1.0 + t), self.lag_s * (1.0 - t)
-        decelerations = self.deceleration / (1.0 + t), self.deceleration * (1.0 + t)
-        return tuple(StoppingModel(*one, none) for one in product(delays, lags, decelerations))
+    def spread(self) -> tuple[Floats, Floats, Floats]:
+        """Return the least and the greatest (2, 2, n) of dead time, lag and deceleration within tolerance."""
+        less, more = 1.0 - self.tolerance, 1.0 + self.tolerance
+        return (
+            np.stack([self.dead_time_s * less, self.dead_time_s * more]),
+            np.stack([self.lag_s * less, self.lag_s * more]),
+            np.stack([self.deceleration / more, self.deceleration * more]),
+        )
 
     def stop_travel(self, velocity: Floats) -> Floats:
         """Return how far each joint still moves, signed (n,), when all valves close at velocities (n,) [rad/s, m/s].

@@ -15,13 +15,17 @@ from workgauge.values.arrays import Floats, Ints
 #: How far the prism under a triangle reaches [m].
 DEPTH_M = 20.0
 _FIRST = 256
+#: What a hull is: a convex body, a cell of a chain, the ground under a triangle.
+WHOLE, SHARED, GROUND = range(3)
 
 
 class Hulls:
     """Corners and face normals of hulls by number; a hull is added when its cell or triangle is asked for.
 
     Attributes:
-        corners: (v, 3), of hull h those from starts[h] to starts[h + 1]. normals: (f, 3), likewise by faces[h].
+        corners: (v, 3), of hull h those from starts[h] to starts[h + 1]. drawn: (v, 3), the same of the cell drawn
+            out at faces it shares with its chain's next. normals: (f, 3), ways out, likewise by faces[h].
+        kinds: (h) see `WHOLE`, `SHARED`, `GROUND`.
         of_cell: (cells,) the hull of each cell of the scene, -1 while it has none.
         radii: (h) by which a hull is thicker than its corners [m].
     """
@@ -32,7 +36,8 @@ class Hulls:
         self._surfaces = surfaces
         self.of_cell: Ints = np.full(len(limits), -1)
         self._of_triangle = [np.full(one.count, -1) for one in surfaces]
-        self.corners, self.normals = np.empty((8 * _FIRST, 3)), np.empty((8 * _FIRST, 3))
+        self.corners, self.drawn = np.empty((8 * _FIRST, 3)), np.empty((8 * _FIRST, 3))
+        self.normals, self.kinds = np.empty((8 * _FIRST, 3)), np.zeros(_FIRST, np.int64)
         self.starts, self.faces = np.zeros(_FIRST + 1, np.int64), np.zeros(_FIRST + 1, np.int64)
         self.radii = np.zeros(_FIRST)
         self._count = 0
@@ -41,8 +46,10 @@ class Hulls:
         """Pack the cells of these numbers among all cells of the scene, if they are not yet."""
         for cell in cells.tolist():
             if self.of_cell[cell] < 0:
-                solid = self._shapes.polyhedron(cell)
-                self.of_cell[cell] = self._add(solid.vertices, solid.normals, float(self._cell_radii[cell]))
+                solid, drawn = self._shapes.polyhedron(cell), self._shapes.lengthened(cell)
+                kind = WHOLE if drawn is solid.vertices else SHARED
+                radius = float(self._cell_radii[cell])
+                self.of_cell[cell] = self._add(solid.vertices, drawn, solid.normals, radius, kind)
 
     def of_triangles(self, surface: int, triangles: Ints) -> Ints:
         """Return the hulls of triangles of one of the scene's surfaces."""
@@ -53,24 +60,29 @@ class Hulls:
             if known[triangle] < 0:
                 corners, normal, away = self._surfaces[surface].triangle(triangle)
                 prism = np.concatenate([corners, corners - DEPTH_M * away])
-                known[triangle] = self._add(prism, np.stack([normal, away]), 0.0)
+                known[triangle] = self._add(prism, prism, np.stack([normal, away]), 0.0, GROUND)
             found[i] = known[triangle]
         return found
 
-    def _add(self, corners: Floats, normals: Floats, radius: float) -> int:
+    def packed(self) -> tuple[Floats, Ints, Floats, Ints, Floats, Floats, Ints]:
+        """Return everything as `sweep` takes it."""
+        return self.corners, self.starts, self.normals, self.faces, self.radii, self.drawn, self.kinds
+
+    def _add(self, corners: Floats, drawn: Floats, normals: Floats, radius: float, kind: int) -> int:
         hull = self._count
-        if hull + 2 > len(self.starts):
+        if hull + 1 > len(self.radii):
             self.starts, self.faces = _twice(self.starts), _twice(self.faces)
-            self.radii = _twice(self.radii)
+            self.radii, self.kinds = _twice(self.radii), _twice(self.kinds)
         begin, first = int(self.starts[hull]), int(self.faces[hull])
         while begin + len(corners) > len(self.corners):
-            self.corners = _twice(self.corners)
+            self.corners, self.drawn = _twice(self.corners), _twice(self.drawn)
         while first + len(normals) > len(self.normals):
             self.normals = _twice(self.normals)
         self.corners[begin : begin + len(corners)] = corners
+        self.drawn[begin : begin + len(corners)] = drawn
         self.normals[first : first + len(normals)] = normals
         self.starts[hull + 1], self.faces[hull + 1] = begin + len(corners), first + len(normals)
-        self.radii[hull] = radius
+        self.radii[hull], self.kinds[hull] = radius, kind
         self._count = hull + 1
         return hull
 

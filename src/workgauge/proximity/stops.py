@@ -8,7 +8,7 @@ import numpy as np
 from workgauge.machine.arm import place
 from workgauge.proximity.protection import link_turns, second_order
 from workgauge.proximity.surroundings import Surroundings
-from workgauge.proximity.sweep import bounds, emit, shortfall
+from workgauge.proximity.sweep import bounds, emit, reached, shortfall
 from workgauge.proximity.uncertainty import own_place
 from workgauge.values.arrays import Floats, Ints
 from workgauge.values.clearances import Clearances
@@ -37,11 +37,14 @@ class Rows:
     """Corners of the machine's solids that have little slack somewhere on the way.
 
     Attributes:
-        slack: (r,) what is left above the stop distance [m]. rows: (r, n), d(slack)/d(joint) of the middle posture.
+        slack: (r,) what is left above the stop distance [m]. room: (r,) what of it may be lost: all, or what a corner
+            has more than the deepest of its solid, if that has less than none. rows: (r, n), d(slack)/d(joint) of the
+            middle posture.
         postures: (r,) which of the way's. clearances: (r,) which clearance of the present they belong to.
     """
 
     slack: Floats
+    room: Floats
     rows: Floats
     postures: Ints
     clearances: Ints
@@ -76,18 +79,22 @@ class Stop:
         reach: Floats,
     ) -> None:
         scene, arm = around.scene, around.scene.arm
-        self._around, self.clearances, self._reach = around, clearances, np.ascontiguousarray(reach)
-        self._band = float((reach @ arm.farthest).max()) + margin_m
+        self._around, self.clearances, self._reach = (
+            around,
+            clearances,
+            reached(np.ascontiguousarray(reach), around.scene.arm.levers),
+        )
+        bands = self._reach[1]
         until_s = float(way.times[-1])
         approach = _approach(around, clearances, until_s) if scene.moving else np.zeros(0)
         self._arm, far, need, near, low, high = _near(
             *(around.T_site_machine, q, way.postures, way.widths, arm.packed),
-            *(clearances.distances, clearances.stop_distances, clearances.solids, approach),
-            *(stop_distance_m, margin_m, around.largest_m, self._band),
+            *(clearances.distances, clearances.stop_distances, clearances.solids, clearances.other_links, approach),
+            *(stop_distance_m, margin_m, around.largest_m, bands),
         )
-        self.reach_m = far + around.largest_m + self._band + margin_m
+        self.reach_m = far + around.largest_m + float(bands.max(initial=0.0)) + margin_m
         self.reach_m += max(stop_distance_m, scene.largest_stop_m) + float(approach.max(initial=0.0))
-        room = (need, float(around.largest_m + self._band), approach)
+        room = (need, around.largest_m + bands, approach)
         triangles = self._triangles(near, low, high, room) if scene.surfaces else scene.no_triangles
         unsure, integrity = around.unsure, around.integrity
         self._doubt = (
@@ -99,7 +106,7 @@ class Stop:
         hulls = scene.hulls
         columns = (clearances.solids, clearances.other_links, clearances.limits)
         while True:
-            packed = (hulls.corners, hulls.starts, hulls.normals, hulls.faces, hulls.radii)
+            packed = hulls.packed()
             found, missing = _gather(
                 *(near, low, high, room, columns, clearances.normals, variance, extra, speed, place_, moving),
                 *(scene.cell_ranges, hulls.of_cell, *scene.cell_boxes, *triangles, scene.pairs, arm.links),
@@ -111,13 +118,15 @@ class Stop:
         self.slack, self._ways, *rows = _examine(self._arm, self._pairs, packed, self._doubt, self._reach, self._of)
         self.rows = Rows(*rows)
 
-    def shortfall(self, way: Way) -> float:
-        """Return by how much another way, as many postures, would fall short of this one's slack or of none [m]."""
+    def shortfall(self, way: Way, floor_m: float) -> float:
+        """Return by how much another way, as many postures, falls short of this one's slack or of -floor_m [m]."""
         if not len(self.slack):
             return -np.inf
         T = self._around.T_site_machine
         arm = _placed(T, way.postures, way.widths, self._around.scene.arm.packed)
-        found: float = shortfall(arm, self._pairs, self._hulls, self._doubt, self._reach, self.slack, self._ways)
+        found: float = shortfall(
+            *(arm, self._pairs, self._hulls, self._doubt, self._reach, self.slack, self._ways, -floor_m)
+        )
         return found
 
     def _triangles(self, near: Ints, low: Floats, high: Floats, room: Any) -> tuple[Ints, Ints]:
@@ -130,7 +139,7 @@ class Stop:
             if surface is None or clearances.other_links[row] >= 0:
                 continue
             s = int(clearances.solids[row])
-            wide = float(need[row]) + more + (float(approach[row]) if len(approach) else 0.0)
+            wide = float(need[row] + more[s]) + (float(approach[row]) if len(approach) else 0.0)
             found = scene.triangles_near(surface, low[s] - wide, high[s] + wide)
             rows.append(np.full(len(found), row))
             hulls.append(scene.hulls.of_triangles(surface, found))
@@ -227,24 +236,27 @@ def _near(
     distances: Any,
     stop_distances: Any,
     solids: Any,
+    others: Any,
     approach: Any,
     stop: float,
     margin: float,
     largest: float,
-    band: float,
+    bands: Any,
 ) -> Any:
     """Return the arm on its way, how far a corner moves at most, what each clearance needs, which may come near, and
     the boxes (low, high) (S, 3) around the solids' ways."""
     arm = _placed(T, postures, widths, packed)
-    corners, levers, spread = arm[3], arm[7], arm[9]
+    corners, stretch, levers, spread = arm[3], arm[6], arm[7], arm[9]
     count, boxes = postures.shape[0], levers.shape[0]
-    far, farthest = np.zeros(boxes), 0.0
+    far, farthest, stretched = np.zeros(boxes), 0.0, 0.0
     for j in range(postures.shape[1]):
         moved = 0.0
         for p in range(count):
             moved = max(moved, abs(postures[p, j] - q[j]) + widths[p, j])
         for s in range(boxes):
             far[s] += levers[s, j] * moved
+            if stretch[s, 0] == j:
+                stretched = max(stretched, moved + bands[s])
     low, high = np.empty((boxes, 3)), np.empty((boxes, 3))
     for s in range(boxes):
         farthest = max(farthest, far[s])
@@ -258,7 +270,9 @@ def _near(
     need, near, found = np.empty(total), np.empty(total, np.int64), 0
     for r in range(total):
         need[r] = (stop if np.isnan(stop_distances[r]) else stop_distances[r]) + margin
-        room = need[r] + largest + band + (approach[r] if len(approach) > 0 else 0.0)
+        room = need[r] + largest + bands[solids[r]] + (approach[r] if len(approach) > 0 else 0.0)
+        if others[r] >= 0:  # what carries both links moves neither to the other; the other's own stretch does
+            room += stretched
         if distances[r] < room + far[solids[r]]:
             near[found] = r
             found += 1
@@ -300,7 +314,7 @@ def _gather(
         first, last = 0, len(own_pairs)
         if not own:
             first, last = ranges[limits[r]], ranges[limits[r] + 1]
-        wide = need[r] + more + (approach[r] if len(approach) > 0 else 0.0)
+        wide = need[r] + more[s] + (approach[r] if len(approach) > 0 else 0.0)
         for cell in range(first, last):
             if own:
                 if own_pairs[cell, 0] != s or solid_links[own_pairs[cell, 1]] != others[r]:
@@ -350,14 +364,14 @@ def _examine(arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, of: Any) 
     total, count, n = len(of), arm[0].shape[0], arm[0].shape[1]
     slack, ways = np.empty((total, count)), np.empty((total, count, 3))
     bounds(arm, pairs, hulls, doubt, reach, slack, ways)
-    room = 64
+    size = 64
     while True:
-        left, rows, which = np.empty(room), np.empty((room, n)), np.empty((room, 2), np.int64)
-        found = emit(arm, pairs, hulls, doubt, reach, slack, ways, left, rows, which)
-        if found <= room:
+        left, room, rows, which = np.empty(size), np.empty(size), np.empty((size, n)), np.empty((size, 2), np.int64)
+        found = emit(arm, pairs, hulls, doubt, reach, slack, ways, left, room, rows, which)
+        if found <= size:
             break
-        room = found
+        size = found
     postures, clearances = np.empty(found, np.int64), np.empty(found, np.int64)
     for i in range(found):
         postures[i], clearances[i] = which[i, 1], of[which[i, 0]]
-    return slack, ways, left[:found], rows[:found], postures, clearances
+    return slack, ways, left[:found], room[:found], rows[:found], postures, clearances

@@ -8,9 +8,12 @@ from workgauge.proximity.cells import Cells
 from workgauge.proximity.chain import Chain, prepare
 from workgauge.proximity.overlap import Polyhedron, polyhedron, segment_polyhedron
 from workgauge.proximity.shapes import Placed, placed_cell, prism_faces
+from workgauge.values.arrays import Floats
 from workgauge.values.limits import Limit
 from workgauge.values.solids import Box, Convex, PrismChain, Surface, Tube
 
+#: How far a cell is drawn out beyond the faces it shares [m].
+BEYOND_M = 20.0
 #: Outward triangles of a box, by the order of `Box.vertices`.
 _BOX_FACES = [
     (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
@@ -43,6 +46,29 @@ class CellShapes:
             limit = self._limits[self._cells.limits[cell]]
             found = self._polyhedra[cell] = _polyhedron_of(limit, int(self._cells.cells[cell]))
         return found
+
+    def lengthened(self, cell: int) -> Floats:
+        """Return the cell's corners, in the order of `polyhedron`, drawn out by `BEYOND_M` at faces it shares.
+
+        Through a shared face leads no way out: of the cell drawn out, what lies along the chain is never the least.
+        """
+        limit, index = self._limits[self._cells.limits[cell]], int(self._cells.cells[cell])
+        corners, solid = self.polyhedron(cell).vertices, limit.solid
+        match solid:
+            case PrismChain():
+                shared, along = solid.neighbours[index], solid.ends[index] - solid.starts[index]
+            case Tube():
+                shared = np.array([index > 0, index + 2 < len(solid.axis)])
+                along = solid.axis[index + 1] - solid.axis[index]
+            case _:
+                return corners
+        length, half = float(np.linalg.norm(along)), len(corners) // 2
+        if length == 0.0 or not shared.any():
+            return corners
+        drawn = corners.copy()
+        drawn[:half] -= shared[0] * (BEYOND_M / length) * along
+        drawn[half:] += shared[1] * (BEYOND_M / length) * along
+        return drawn
 
     def chain(self, limit: int) -> Chain:
         """Return a limit's chain, ready for penetration."""

@@ -14,8 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from workgauge.proximity.hulls import GROUND, SHARED
 from workgauge.proximity.separation import lowest, separating
 from workgauge.values.compiled import njit
+
+#: The way out already taken is kept unless another is shorter by this [m].
+KEPT_M = 0.01
 
 
 @njit(cache=True)
@@ -24,8 +28,8 @@ def _corner_slacks(
 ) -> tuple[float, float]:
     """Fill out (8,) with the slack of each corner of pair i's solid at posture p and rows (8, n).
 
-    Returns the least slack, and the least of `slack - |row| . reach` over the corners and all of reach (c, n). If a
-    coarser bound shows that the latter is not below zero, nothing is filled and both are that bound.
+    Returns the least slack, and the least of `slack - |row| . reach` over the corners and all of reach, or 0 if it is
+    more. If a coarser bound shows that it is, the slack is that bound and nothing is filled. reach: of `reached`.
     """
     axes, origins, rotations, corners, prismatic, links, stretch, levers, width, spread = arm
     solids, others, own, _, need, variance, extra, _, _, moving = pairs
@@ -33,6 +37,9 @@ def _corner_slacks(
     n = axes.shape[1]
     s, o = solids[i], others[i]
     ux, uy, uz = u[0], u[1], u[2]
+    if own[i]:  # u is fixed to the other link
+        R = rotations[p, o]
+        ux, uy, uz = _turned(R, u, 0), _turned(R, u, 1), _turned(R, u, 2)
     body = corners[p, s]
     other = corners[p, o] if own[i] else hulls[0][hulls[1][o] : hulls[1][o + 1]]
     y = lowest(other, -ux, -uy, -uz)
@@ -47,40 +54,34 @@ def _corner_slacks(
         plane += _approach(i, u, other, pairs[7], pairs[8]) * times[p]
     x = lowest(body, ux, uy, uz)
     coarse = body[x, 0] * ux + body[x, 1] * uy + body[x, 2] * uz - plane - loose
-    band = 0.0
-    for a in range(reach.shape[0]):
-        total = 0.0
-        for j in range(n):
-            total += levers[s, j] * reach[a, j]
-        band = max(band, total)
+    changes, bands, turns = reach
+    band = bands[s] + bands[o] if own[i] else bands[s]
     if coarse >= band:
-        return coarse, coarse - band
+        return coarse, 0.0
     base, top = (links[o] if own[i] else 0), links[s]
-    # g_j = u . (a_j x (x - o_j)) = (u x a_j) . x - (u x a_j) . o_j, or u . a_j of a sliding joint
-    turns = np.zeros((n, 4))
-    for j in range(top):
+    # g_j = u . (a_j x (x - o_j)) = (u x a_j) . x - (u x a_j) . o_j, or u . a_j of a sliding joint; joints that carry
+    # both links change nothing between them
+    turns[:] = 0.0
+    for j in range(base, top):
         ax, ay, az = axes[p, j, 0], axes[p, j, 1], axes[p, j, 2]
         if prismatic[j]:
-            turns[j, 3] = 0.0 if j < base else ax * ux + ay * uy + az * uz
+            turns[j, 3] = ax * ux + ay * uy + az * uz
             continue
         mx, my, mz = uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax
         turns[j, 0], turns[j, 1], turns[j, 2] = mx, my, mz
-        if j < base:
-            turns[j, 3] = -(mx * yx + my * yy + mz * yz)
-        else:
-            turns[j, 3] = -(mx * origins[p, j, 0] + my * origins[p, j, 1] + mz * origins[p, j, 2])
+        turns[j, 3] = -(mx * origins[p, j, 0] + my * origins[p, j, 1] + mz * origins[p, j, 2])
     js, face, side = stretch[s, 0], stretch[s, 1], stretch[s, 2]
-    grown = _grown(p, s, side, face, rotations, u) if js >= 0 else 0.0
+    grown = side * _along(rotations[p, s], face, ux, uy, uz) if js >= 0 else 0.0
     jo = stretch[o, 0] if own[i] else -1
     shrunk = 0.0
     if jo >= 0 and (((y >> (2 - stretch[o, 1])) & 1) == 1) == (stretch[o, 2] > 0):
-        shrunk = _grown(p, o, stretch[o, 2], stretch[o, 1], rotations, u)
+        shrunk = stretch[o, 2] * _along(rotations[p, o], stretch[o, 1], ux, uy, uz)
     lost = bias + extra[i] + _second_order(p, s, levers, width)
     if own[i]:
         lost += _second_order(p, o, levers, width)
     if exact:
         lost += k * math.sqrt(variance[i])
-    least, tightest = math.inf, math.inf
+    least, tightest = math.inf, 0.0
     for c in range(8):
         cx, cy, cz = body[c, 0], body[c, 1], body[c, 2]
         value = ux * cx + uy * cy + uz * cz - plane - lost
@@ -94,32 +95,49 @@ def _corner_slacks(
             value -= abs(g) * width[p, j]
         if not exact:
             rx, ry, rz = cx - origin[0], cy - origin[1], cz - origin[2]
-            value -= k * math.sqrt(variance[i] + _variance(own[i], u, rx, ry, rz, rows[c], covariance))
+            value -= k * math.sqrt(variance[i] + _variance(own[i], ux, uy, uz, rx, ry, rz, rows[c], covariance))
         out[c] = value
         least = min(least, value)
-        tightest = min(tightest, value - needed(rows[c], reach))
+        if value < band:
+            tightest = min(tightest, value - needed(rows[c], changes))
     return least, tightest
 
 
 @njit(cache=True)
-def needed(row: Any, reach: Any) -> float:
-    """Return the largest `|row| . reach` over all of reach (c, n)."""
+def reached(changes: Any, levers: Any) -> Any:
+    """Return changes (c, n) [rad, m] with the slack that any of them may use up on each solid (S,), and room."""
+    bands = np.zeros(levers.shape[0])
+    for s in range(levers.shape[0]):
+        for a in range(changes.shape[0]):
+            total = 0.0
+            for j in range(changes.shape[1]):
+                total += levers[s, j] * changes[a, j]
+            bands[s] = max(bands[s], total)
+    return changes, bands, np.zeros((changes.shape[1], 4))
+
+
+@njit(cache=True)
+def needed(row: Any, changes: Any) -> float:
+    """Return the largest `|row| . change` over all of changes (c, n)."""
     most = 0.0
-    for a in range(reach.shape[0]):
+    for a in range(changes.shape[0]):
         total = 0.0
         for j in range(row.shape[0]):
-            total += abs(row[j]) * reach[a, j]
+            total += abs(row[j]) * changes[a, j]
         most = max(most, total)
     return most
 
 
 @njit(cache=True)
-def _grown(p: int, s: int, side: int, face: int, rotations: Any, u: Any) -> float:
-    """Return how fast the moving face of a box that stretches moves along u."""
-    total = 0.0
-    for c in range(3):
-        total += rotations[p, s, c, face] * u[c]
-    return total * side
+def _turned(R: Any, u: Any, i: int) -> float:
+    """Return component i of u (3,) turned by R (3, 3)."""
+    return float(R[i, 0] * u[0] + R[i, 1] * u[1] + R[i, 2] * u[2])
+
+
+@njit(cache=True)
+def _along(R: Any, axis: int, ux: float, uy: float, uz: float) -> float:
+    """Return the component along one axis of R (3, 3) of (ux, uy, uz)."""
+    return float(R[0, axis] * ux + R[1, axis] * uy + R[2, axis] * uz)
 
 
 @njit(cache=True)
@@ -134,15 +152,17 @@ def _second_order(p: int, s: int, levers: Any, width: Any) -> float:
 
 
 @njit(cache=True)
-def _variance(own: Any, u: Any, rx: float, ry: float, rz: float, row: Any, covariance: Any) -> float:
+def _variance(
+    own: Any, ux: float, uy: float, uz: float, rx: float, ry: float, rz: float, row: Any, covariance: Any
+) -> float:
     """Return the variance of `u . x` for errors of pose and joints; of two own links only the joints count [m^2]."""
     n = row.shape[0]
     g = np.empty(6 + n)
     if own:
         g[:6] = 0.0
     else:
-        g[0], g[1], g[2] = u[0], u[1], u[2]
-        g[3], g[4], g[5] = ry * u[2] - rz * u[1], rz * u[0] - rx * u[2], rx * u[1] - ry * u[0]
+        g[0], g[1], g[2] = ux, uy, uz
+        g[3], g[4], g[5] = ry * uz - rz * uy, rz * ux - rx * uz, rx * uy - ry * ux
     g[6:] = row
     total = 0.0
     for a in range(6 + n):
@@ -169,46 +189,62 @@ def _approach(i: int, u: Any, other: Any, speed: Any, place: Any) -> float:
 
 @njit(cache=True)
 def _better(p: int, i: int, start: Any, arm: Any, pairs: Any, hulls: Any, out: Any) -> None:
-    """Fill out (3,) with the direction that separates pair i best at posture p; of overlapping ones, a way out."""
+    """Fill out (3,) with the direction that separates pair i best at posture p; of overlapping ones, a way out.
+
+    Of a chain's cell that is nearer than it may be, directions are judged on the cell drawn out at its shared faces:
+    the way to the next cell is none. start and out: fixed to the other link, if the pair is two links.
+    """
     rotations, corners = arm[2], arm[3]
-    solids, others, own, given = pairs[0], pairs[1], pairs[2], pairs[3]
-    points, starts, normals, faces, _ = hulls
+    solids, others, own, given, need = pairs[0], pairs[1], pairs[2], pairs[3], pairs[4]
+    points, starts, normals, faces, radii, drawn, kinds = hulls
     s, o = solids[i], others[i]
-    body = corners[p, s]
+    body, R = corners[p, s], rotations[p, o if own[i] else s]
+    first, trial = np.empty(3), np.empty(3)
+    for a in range(3):
+        first[a] = _turned(R, start, a) if own[i] else start[a]
     other = corners[p, o] if own[i] else points[starts[o] : starts[o + 1]]
-    if separating(body, other, start, out) > 1e-6:
-        return
-    best = -math.inf
-    trial = np.empty(3)
-    out[0], out[1], out[2] = start[0], start[1], start[2]
-    faces_other = 3 if own[i] else faces[o + 1] - faces[o]
-    for c in range(8 + 2 * faces_other):
+    apart = separating(body, other, first, out)
+    judged = other
+    if not own[i] and kinds[o] == SHARED and apart - radii[o] < need[i]:
+        judged = drawn[starts[o] : starts[o + 1]]
+        apart = separating(body, judged, first, out)
+    if apart <= 1e-6:
+        best = -math.inf
+        total = 14 if own[i] else 8 + 2 * (faces[o + 1] - faces[o])
+        for c in range(total):
+            if not own[i] and kinds[o] == GROUND and 2 <= c < 8:
+                continue
+            for a in range(3):
+                sign = 1.0 if c % 2 else -1.0
+                if c == 0:
+                    trial[a] = first[a]
+                elif c == 1:
+                    trial[a] = _turned(R, given[i], a) if own[i] else given[i, a]
+                elif c < 8:
+                    trial[a] = rotations[p, s, a, (c - 2) // 2] * sign
+                elif own[i]:
+                    trial[a] = rotations[p, o, a, (c - 8) // 2] * sign
+                else:
+                    trial[a] = normals[faces[o] + (c - 8) // 2, a] * sign
+            x, y = lowest(body, trial[0], trial[1], trial[2]), lowest(judged, -trial[0], -trial[1], -trial[2])
+            gap = 0.0
+            for a in range(3):
+                gap += trial[a] * (body[x, a] - judged[y, a])
+            if gap > best + (KEPT_M if c > 1 else 0.0):
+                best = gap
+                out[0], out[1], out[2] = trial[0], trial[1], trial[2]
+    if own[i]:
+        x0, y0, z0 = out[0], out[1], out[2]
         for a in range(3):
-            if c == 0:
-                trial[a] = start[a]
-            elif c == 1:
-                trial[a] = given[i, a]
-            elif c < 8:
-                trial[a] = rotations[p, s, a, (c - 2) // 2] * (1.0 if c % 2 else -1.0)
-            elif own[i]:
-                trial[a] = rotations[p, o, a, (c - 8) // 2] * (1.0 if c % 2 else -1.0)
-            else:
-                trial[a] = normals[faces[o] + (c - 8) // 2, a] * (1.0 if c % 2 else -1.0)
-        x, y = lowest(body, trial[0], trial[1], trial[2]), lowest(other, -trial[0], -trial[1], -trial[2])
-        gap = 0.0
-        for a in range(3):
-            gap += trial[a] * (body[x, a] - other[y, a])
-        if gap > best + (0.01 if c > 1 else 0.0):  # the way out already taken is kept unless another is shorter
-            best = gap
-            out[0], out[1], out[2] = trial[0], trial[1], trial[2]
+            out[a] = _along(R, a, x0, y0, z0)
 
 
 @njit(cache=True)
 def bounds(arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, slack: Any, ways: Any) -> None:
     """Fill slack (m, P) with the least slack of each pair on the way to each posture, and ways (m, P, 3) with its u.
 
-    The slack is infinite where no corner's is below `|row| . reach` for any of reach (c, n): what one tick may change
-    cannot matter there. Where it may, the direction is sought anew.
+    The slack is infinite where no corner's is below `|row| . reach` for any of reach: what one tick may change cannot
+    matter there. Where it may, the direction is sought anew.
     """
     n, count = arm[0].shape[1], arm[0].shape[0]
     values, rows = np.empty(8), np.empty((8, n))
@@ -239,11 +275,22 @@ def bounds(arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, slack: Any,
 
 @njit(cache=True)
 def emit(
-    arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, slack: Any, ways: Any, out: Any, rows: Any, which: Any
+    arm: Any,
+    pairs: Any,
+    hulls: Any,
+    doubt: Any,
+    reach: Any,
+    slack: Any,
+    ways: Any,
+    out: Any,
+    room: Any,
+    rows: Any,
+    which: Any,
 ) -> int:
     """Fill out (r,), rows (r, n), which (r, 2: pair, posture) with every corner with `slack < |row| . reach`.
 
-    slack, ways: of `bounds`. Returns how many there are; if more than there is room for, the rest is left out.
+    room (r,): what of its slack a corner may lose; if the pair has less than none, what it has more than the pair's
+    least. slack, ways: of `bounds`. Returns how many there are; if more than there is room for, the rest is left out.
     """
     n = rows.shape[1]
     values, gradients = np.empty(8), np.empty((8, n))
@@ -266,9 +313,9 @@ def emit(
                 if tight >= 0.0:
                     continue
                 for c in range(8):
-                    if values[c] <= 0.0 or values[c] < needed(gradients[c], reach):
+                    if values[c] <= 0.0 or values[c] < needed(gradients[c], reach[0]):
                         if count < out.shape[0]:
-                            out[count] = values[c]
+                            out[count], room[count] = values[c], values[c] - min(slack[i, p], 0.0)
                             rows[count] = gradients[c]
                             which[count, 0], which[count, 1] = i, at
                         count += 1
@@ -276,11 +323,11 @@ def emit(
 
 
 @njit(cache=True)
-def shortfall(arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, slack: Any, ways: Any) -> float:
+def shortfall(arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, slack: Any, ways: Any, least: float) -> float:
     """Return by how much any pair that may matter has less slack than it had or needs, at most [m].
 
-    arm: other postures, as many. slack, ways: of `bounds`. What had less than 0 may not have less; what had more may
-    come down to 0. Not above 0: every stop that was verified still is one.
+    arm: other postures, as many. slack, ways: of `bounds`. What had less than `least` may not have less; what had
+    more may come down to it. Not above 0: every stop that was verified still is one.
     """
     values, rows = np.empty(8), np.empty((8, arm[0].shape[1]))
     worst = -math.inf
@@ -292,5 +339,5 @@ def shortfall(arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, slack: A
             if p > 0:
                 past, _ = _corner_slacks(p - 1, i, ways[i, p], arm, pairs, hulls, doubt, reach, values, rows)
                 now = min(now, past)
-            worst = max(worst, min(slack[i, p], 0.0) - now)
+            worst = max(worst, min(slack[i, p], least) - now)
     return worst
