@@ -11,6 +11,7 @@ from workgauge.machine.model import MachineModel
 from workgauge.proximity.surroundings import Surroundings
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.clearances import Clearances
+from workgauge.values.compiled import njit
 from workgauge.values.ranges import LeverRanges
 from workgauge.values.reasons import Reason, ReasonCode
 
@@ -128,23 +129,53 @@ def unusable(given: GuardInput) -> str | None:
         return f"{n} joints expected"
     if given.rows.shape != (k, n) or clearances.protections.shape != (k,) or clearances.stop_distances.shape != (k,):
         return "clearances and their rows differ in number"
-    if not all(abs(speed) < FAR for speed in given.desired.tolist()):
-        return "desired velocity is not a number, or out of this world"
-    if not all(abs(position) < FAR for position in given.q.tolist()):
-        return "joint position is not a number, or out of this world"
-    if not 1e-6 <= given.dt_s < FAR:
-        return "time step is not a number, or none a tick can have"
-    if k and not _near(clearances.distances):
-        return "a clearance is not a number, or out of this world"
-    if k and not (_near(clearances.protections) and np.minimum.reduce(clearances.protections) >= 0.0):
-        return "a protection level is not a number, or below zero"
-    if k and np.logical_or.reduce(np.isinf(clearances.stop_distances)):
-        return "a stop distance is infinite"
-    if k and not _near(given.rows):
-        return "the motion of a clearance is not a number, or out of this world"
-    return None
+    which = _unusable(
+        *(given.desired, given.q, float(given.dt_s), clearances.distances, clearances.protections),
+        *(clearances.stop_distances, given.rows),
+    )
+    return _UNUSABLE[which] if which >= 0 else None
 
 
-def _near(array: Floats) -> bool:
-    """Return whether every element is a number smaller than `FAR`; NaN is none."""
-    return float(np.maximum.reduce(np.abs(array), axis=None)) < FAR
+_UNUSABLE = (
+    "desired velocity is not a number, or out of this world",
+    "joint position is not a number, or out of this world",
+    "time step is not a number, or none a tick can have",
+    "a clearance is not a number, or out of this world",
+    "a protection level is not a number, or below zero",
+    "a stop distance is infinite",
+    "the motion of a clearance is not a number, or out of this world",
+)
+
+
+@njit(cache=True)
+def _unusable(
+    desired: Any, q: Any, dt_s: float, distances: Any, protections: Any, stop_distances: Any, rows: Any
+) -> int:
+    """Return the first of `_UNUSABLE` that is so, or -1."""
+    if not _near(desired):
+        return 0
+    if not _near(q):
+        return 1
+    if not 1e-6 <= dt_s < FAR:
+        return 2
+    if not _near(distances):
+        return 3
+    for protection in protections:
+        if not 0.0 <= protection < FAR:
+            return 4
+    for stop in stop_distances:
+        if np.isinf(stop):
+            return 5
+    for row in rows:
+        if not _near(row):
+            return 6
+    return -1
+
+
+@njit(cache=True)
+def _near(array: Any) -> bool:
+    """Return whether every element (n,) is a number smaller than `FAR`; NaN is none."""
+    near = True
+    for value in array:
+        near = near and abs(value) < FAR
+    return near

@@ -1,12 +1,12 @@
 """The arm at many postures at once: where its joints and boxes are, in compiled code; the same as `MachineModel`."""
 
 import functools
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from workgauge.machine.frames import product, turn
 from workgauge.machine.model import MachineModel
 from workgauge.values.arrays import Floats, Ints, freeze, frozen, frozen_ints
 from workgauge.values.compiled import njit
@@ -102,27 +102,6 @@ def arm_of(machine: MachineModel) -> Arm:
 
 
 @njit(cache=True)
-def _product(A: Any, B: Any, out: Any) -> None:
-    """Fill out (4, 4) with the product of two rigid transforms; its last row is left alone."""
-    for i in range(3):
-        for k in range(4):
-            total = A[i, 0] * B[0, k] + A[i, 1] * B[1, k] + A[i, 2] * B[2, k]
-            out[i, k] = total + A[i, 3] if k == 3 else total
-
-
-@njit(cache=True)
-def _turn(axis: Any, angle: float, out: Any) -> None:
-    """Fill out (4, 4) with the turn about an axis through the origin (Rodrigues)."""
-    c, s = math.cos(angle), math.sin(angle)
-    x, y, z = axis[0], axis[1], axis[2]
-    d = 1.0 - c
-    out[0, 0], out[0, 1], out[0, 2] = c + d * x * x, d * x * y - s * z, d * x * z + s * y
-    out[1, 0], out[1, 1], out[1, 2] = d * x * y + s * z, c + d * y * y, d * y * z - s * x
-    out[2, 0], out[2, 1], out[2, 2] = d * x * z - s * y, d * y * z + s * x, c + d * z * z
-    out[0, 3] = out[1, 3] = out[2, 3] = 0.0
-
-
-@njit(cache=True)
 def place(
     T: Any,
     q: Any,
@@ -146,7 +125,7 @@ def place(
     for p in range(q.shape[0]):
         frames[0] = T
         for j in range(n):
-            _product(frames[j], steps[j], step)
+            product(frames[j], steps[j], step)
             for i in range(3):
                 axes[p, j, i] = (
                     step[i, 0] * joint_axes[j, 0] + step[i, 1] * joint_axes[j, 1] + step[i, 2] * joint_axes[j, 2]
@@ -157,10 +136,10 @@ def place(
                 for i in range(3):
                     frames[j + 1, i, 3] += q[p, j] * axes[p, j, i]
             else:
-                _turn(joint_axes[j], q[p, j], motion)
-                _product(step, motion, frames[j + 1])
+                turn(joint_axes[j], q[p, j], motion)
+                product(step, motion, frames[j + 1])
         for s in range(len(links)):
-            _product(frames[links[s]], boxes[s], box)
+            product(frames[links[s]], boxes[s], box)
             for i in range(3):
                 half[i] = halves[s, i]
             joint = stretch[s, 0]

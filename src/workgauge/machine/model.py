@@ -8,13 +8,13 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from workgauge.machine.cylinder import Cylinder
+from workgauge.machine.frames import distance_rows, link_frames
 from workgauge.machine.parts import JointGeometry, LinkSolid, Pump, Sensor, SkippedPair, Stopping, Undercarriage
 from workgauge.machine.positioning import PositioningSpec
 from workgauge.values.arrays import Floats, Ints, freeze, frozen, frozen_ints
 from workgauge.values.clearances import Clearances
 
-_YZX = np.array([1, 2, 0])
-_ZXY = np.array([2, 0, 1])
+_NO_BOXES = frozen(np.empty((0, 4, 4))), frozen(np.empty((0, 3)))
 _MINUS_SKEW_SIGNS = np.array([[0.0, 1.0, -1.0], [-1.0, 0.0, 1.0], [1.0, -1.0, 0.0]])
 
 
@@ -38,7 +38,7 @@ class Kinematics:
 class MachineModel:
     """An immutable machine. Link k moves with joints 1 to k (index 0 to k - 1); link 0 is the undercarriage.
 
-    Every result is a pure function of its arguments; `forward` works in one scratch area, so one thread at a time.
+    Every result is a pure function of its arguments.
 
     Attributes:
         name, title: what it is called. attachment: the one mounted; attachments: all that could be.
@@ -91,21 +91,27 @@ class MachineModel:
     cylinders: tuple[Cylinder | None, ...] = ()
     self_stop_distance_m: float | None = None
 
-    _pin: Any = field(init=False, repr=False)
-    _scratch: Any = field(init=False, repr=False)  # overwritten by every forward(); nothing is kept in it
-    _T_joint_links: Floats = field(init=False, repr=False)
+    _packed: tuple[Floats, Floats, Ints, Floats] = field(init=False, repr=False)
     _moves: Floats = field(init=False, repr=False)
     _solid_links: Ints = field(init=False, repr=False)
     _T_link_boxes: Floats = field(init=False, repr=False)
     _half_extents: Floats = field(init=False, repr=False)
     _stretching: tuple[int, ...] = field(init=False, repr=False)
+    _stretches: Ints = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        model = _pinocchio_model(self)
+        before = [np.eye(4), *(joint.T_joint_link for joint in self.chain)]
+        steps = [before[j] @ joint.T_parent_joint for j, joint in enumerate(self.chain)]
+        packed = (
+            frozen(np.reshape(steps, (self.n, 4, 4))),
+            frozen(np.reshape([joint.axis for joint in self.chain], (self.n, 3))),
+            frozen_ints([joint.prismatic for joint in self.chain]),
+            frozen(np.reshape(before[1:], (self.n, 4, 4))),
+        )
+        stretches = [(i, solid.link, *solid.stretch) for i, solid in enumerate(self.solids) if solid.stretch]
         derived = {
-            "_pin": model,
-            "_scratch": model.createData(),
-            "_T_joint_links": frozen([np.eye(4), *(joint.T_joint_link for joint in self.chain)]),
+            "_packed": packed,
+            "_stretches": frozen_ints(np.reshape(stretches, (-1, 5))),
             "_moves": frozen(np.tri(self.n + 1, self.n, -1)),
             "_solid_links": frozen_ints([solid.link for solid in self.solids]),
             "_T_link_boxes": frozen([solid.T_link_box for solid in self.solids]),
@@ -148,14 +154,8 @@ class MachineModel:
         posture = np.array(q, dtype=np.float64)
         if posture.shape != (len(self.joint_names),):
             raise ValueError(f"expected {self.n} joint positions, got shape {posture.shape}")
-        scratch = self._scratch
-        pin.computeJointJacobians(self._pin, scratch, posture)
-        frames = np.empty(self._T_joint_links.shape)
-        placements = scratch.oMi
-        for i in range(len(frames)):
-            frames[i] = placements[i].homogeneous
-        frames = frames @ self._T_joint_links
-        jacobian = np.array(scratch.J).reshape(6, -1)  # one joint comes back flat
+        frames, jacobian = np.empty((len(posture) + 1, 4, 4)), np.empty((6, len(posture)))
+        link_frames(posture, *self._packed, frames, jacobian)
         for array in (posture, frames, jacobian):
             array.setflags(write=False)
         return Kinematics(posture, frames, jacobian)
@@ -220,47 +220,13 @@ class MachineModel:
         a box that stretches moves with its share of the prismatic joint: none on the fixed face, all on the moving
         one.
         """
-        R = T_site_machine[:3, :3]
-        origin = T_site_machine[:3, 3]
-        jacobian = (R @ kin.spatial_jacobian.reshape(2, 3, -1)).reshape(6, -1)
-        normals = clearances.normals
-        rows = _normal_rows(jacobian, normals, clearances.points_machine - origin)
-        rows *= self._moves.take(clearances.links, axis=0)
-        own = np.flatnonzero(clearances.other_links >= 0)
-        if own.size:
-            other = _normal_rows(jacobian, normals[own], clearances.points_limit[own] - origin)
-            rows[own] -= other * self._moves.take(clearances.other_links[own], axis=0)
-        for i in self._stretching:
-            self._add_stretch(rows, i, kin, T_site_machine, clearances)
+        boxes = self.solid_poses(kin) if self._stretching else _NO_BOXES
+        rows: Floats = distance_rows(
+            *(np.array(T_site_machine, dtype=np.float64, order="C"), kin.spatial_jacobian, clearances.normals),
+            *(clearances.points_machine, clearances.points_limit, clearances.links, clearances.other_links),
+            *(self._stretches, *boxes),
+        )
         return rows
-
-    def _add_stretch(
-        self, rows: Floats, i: int, kin: Kinematics, T_site_machine: Floats, clearances: Clearances
-    ) -> None:
-        """Add to the rows what the stretch of box i does to points on it."""
-        solid = self.solids[i]
-        joint, axis, side = solid.stretch  # type: ignore[misc]
-        poses, halves = self.solid_poses(kin)
-        T_site_box = T_site_machine @ poses[i]
-        outwards, half = side * T_site_box[:3, axis], halves[i, axis]
-        for links, points, sign in (
-            (clearances.links, clearances.points_machine, 1.0),
-            (clearances.other_links, clearances.points_limit, -1.0),
-        ):
-            on = np.flatnonzero(links == solid.link)
-            share = np.clip(0.5 + ((points[on] - T_site_box[:3, 3]) @ outwards) / (2.0 * half), 0.0, 1.0)
-            rows[on, joint] += sign * share * (clearances.normals[on] @ outwards)
-
-
-def _normal_rows(jacobian: Floats, normals: Floats, points: Floats) -> Floats:
-    """Return `n . (Jv + Jw x p) = n . Jv + (p x n) . Jw` (k, n) for normals and points (k, 3)."""
-    wrenches = np.empty((len(normals), 6))
-    wrenches[:, :3] = normals
-    moments = points.take(_YZX, axis=1) * normals.take(_ZXY, axis=1)
-    moments -= points.take(_ZXY, axis=1) * normals.take(_YZX, axis=1)
-    wrenches[:, 3:] = moments
-    rows: Floats = wrenches @ jacobian
-    return rows
 
 
 def _se3(T: Floats) -> Any:

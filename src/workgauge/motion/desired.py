@@ -8,6 +8,7 @@ from workgauge.machine.model import Kinematics, MachineModel
 from workgauge.motion.inverse import Damping, Solution, damped_inverse, tool_motion
 from workgauge.motion.joystick import LeverFeel, joint_velocity, ramped_levers, shaped, tool_twist
 from workgauge.motion.line import line_twist, unit_direction
+from workgauge.motion.position import position_rates
 from workgauge.values.arrays import Floats, freeze
 from workgauge.values.measurements import DriveMode, Intent
 from workgauge.values.reasons import Reason, ReasonCode
@@ -124,7 +125,17 @@ def tool_rates(machine: MachineModel, kin: Kinematics, config: MotionConfig) -> 
 
     As in the tool mode where the orientation is left to itself: damped, the position alone.
     """
-    return damped_inverse(machine.tool_jacobian(kin)[:3], config.damping).T
+    if machine.n < 3:
+        return damped_inverse(machine.tool_jacobian(kin)[:3], config.damping).T
+    damping = config.damping
+    rates, sure = position_rates(
+        kin.T_machine_links, machine.T_link_tool, kin.spatial_jacobian, damping.threshold, damping.largest
+    )
+    if not sure:
+        return damped_inverse(machine.tool_jacobian(kin)[:3], damping).T
+    freeze(rates)
+    found: Floats = rates
+    return found
 
 
 def _best_group(

@@ -7,7 +7,7 @@ joints, g what each of them does to the distance; k from a stated integrity risk
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
@@ -85,6 +85,10 @@ def with_protection(
         clearances: of `Scene.query`. rows: (k, n) of `machine.distance_rows`.
         kin, machine, T_site_machine: as believed. unsure, limits, integrity: see there.
     """
+    if unsure.exact and not (limits.largest_variance or unsure.tool_sigma_m or len(limits.places)):
+        levels = np.full(len(clearances), integrity.bias_m)
+        freeze(levels)
+        return clearances.with_protections(levels), integrity.bias_m
     variances = limits.variances.take(clearances.limits)
     if unsure.tool_sigma_m:
         tool = (clearances.links == machine.tool_link) | (clearances.other_links == machine.tool_link)
@@ -98,7 +102,7 @@ def with_protection(
         largest = _largest(body, T_site_machine, limits, integrity.k)
     levels += integrity.bias_m
     freeze(levels)
-    return replace(clearances, protections=levels), largest + integrity.bias_m
+    return clearances.with_protections(levels), largest + integrity.bias_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -173,7 +173,8 @@ class Scene:
         cells = touching[:, 1] >= 0
         found, near = touching[cells], bounds[cells]
         order = np.lexsort((found[:, 1], near, self._cells.limits.take(found[:, 1]), found[:, 0]))
-        self._measure_cells(rows, boxes, placed, *found[order, :2].T, near[order], radius_m, result)
+        solids, which = found[order, 0], found[order, 1]
+        self._measure_cells(rows, boxes, placed, solids, which, near[order], radius_m, result)
         for mover, other in touching[~cells][:, [0, 2]].tolist():
             self._measure_links(rows, boxes, placed, mover, other, radius_m, result)
         self._measure_surfaces(rows, boxes, placed, radius_m, when, result)

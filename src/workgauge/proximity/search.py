@@ -138,7 +138,7 @@ def _counts(rule: Any, now: int, off: Any) -> bool:
     """Return whether a limit counts now, as `Limit.counts` does."""
     if (rule[0] >= 0 and off[rule[0]]) or (rule[1] >= 0 and off[rule[1]]):
         return False
-    return rule[2] <= now <= rule[3]
+    return bool(rule[2] <= now <= rule[3])
 
 
 @njit(cache=True)
@@ -185,7 +185,7 @@ def _measure(
     best, chosen, found = radius, -1, np.empty(7)
     out, left = np.empty(6), bounds[first:last].copy()
     for _ in range(first, last):
-        i = np.argmin(left)
+        i = int(np.argmin(left))
         if left[i] >= best + SLACK_M and left[i] > SLACK_M:
             break
         left[i] = np.inf

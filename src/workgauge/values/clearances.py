@@ -81,6 +81,17 @@ class Clearances:
     def __iter__(self) -> Iterator[Clearance]:
         return (self[i] for i in range(len(self)))
 
+    def with_protections(self, protections: Floats) -> "Clearances":
+        """Return the same clearances with these protection levels (k,) [m], read-only."""
+        return Clearances(
+            *(self.distances, self.normals, self.points_machine, self.points_limit),
+            *(self.links, self.other_links, self.limits, self.cells, self.solids),
+            *(protections, self.stop_distances),
+            self.link_names,
+            self.limit_ids,
+            self.searched_m,
+        )
+
     def nearest(self) -> Clearance | None:
         """Return the smallest clearance, or None if nothing lies within `searched_m`."""
         return self[int(np.argmin(self.distances))] if len(self) else None
