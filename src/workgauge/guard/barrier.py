@@ -37,8 +37,8 @@ class BarrierGuard:
     adds to the stop is linear to the millimetre: each joint gets the share of its wish, 0 to 1, nearest to 1 in the
     sum of squares, such that no slack shrinks by more than the share `dt / ease_s` of itself, and none below zero
     shrinks at all. Then the chosen command is rolled out in turn and every slack computed anew; if one falls short of
-    zero by more than a quarter of the margin (or of what it had, below that), half of the command is tried, a quarter,
-    then the stop in hand.
+    zero by more than a quarter of the margin (or of what it had, below that), half of the command is tried, then a
+    quarter, then the stop in hand.
 
     Inside a limit nothing may lead deeper, everything else stays enforced, and the guard seeks a way out: it says one
     when the wish is refused, drives it when asked to (`exit_share`), or names what pins the machine.
@@ -201,8 +201,7 @@ class BarrierGuard:
             if stop.reach_m <= max(clearances.searched_m, farther):
                 return stop
             farther = stop.reach_m
-            kin, when = around.machine.forward(given.q), (around.now_ns, around.off_states, around.let_off)
-            clearances = around.scene.query(kin, around.T_site_machine, farther, *when)
+            clearances = around.look(around.machine.forward(given.q), farther)
 
     def _verified(self, plan: Plan, stop: Stop, command: Floats) -> float:
         """Return what of a command is verified: all, half, a quarter, or none of it."""

@@ -44,7 +44,8 @@ class Plan:
         rollout: the stopping model. given: of this tick. speeds, flying: see `flown`.
         wish: (n,) what the joints themselves allow of what is desired.
         spacing_m, bend_m: no corner moves farther between two postures looked at, nor farther off the straight way
-            (of the joints) between them than `bend_m`. farthest: (n,) how far from each joint's axis a corner may be [m].
+            (of the joints) between them than `bend_m` [m].
+        farthest: (n,) how far from each joint's axis a corner may be [m].
         cushion: one tick uses up at most this share of what is left between a joint's end and where it would rest.
 
     Attributes:

@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 
-from workgauge.machine.model import MachineModel
-from workgauge.proximity.protection import Integrity
+from workgauge.machine.model import Kinematics, MachineModel
+from workgauge.proximity.protection import Integrity, with_protection
 from workgauge.proximity.scene import Scene
 from workgauge.proximity.uncertainty import MachineUncertainty
 from workgauge.values.arrays import Floats
+from workgauge.values.clearances import Clearances
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,3 +35,12 @@ class Surroundings:
     def machine(self) -> MachineModel:
         """The machine that stands there."""
         return self.scene.machine
+
+    def look(self, kin: Kinematics, radius_m: float) -> Clearances:
+        """Return the clearances nearer than `radius_m` at a posture, with their protection levels."""
+        machine, T = self.machine, self.T_site_machine
+        found = self.scene.query(kin, T, radius_m, self.now_ns, self.off_states, self.let_off)
+        rows = machine.distance_rows(kin, T, found)
+        limits = self.scene.uncertainty
+        clearances, _ = with_protection(found, rows, kin, machine, T, self.unsure, limits, self.integrity)
+        return clearances
