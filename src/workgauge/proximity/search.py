@@ -39,8 +39,8 @@ class Rules:
             (
                 -1 if limit.activity.state is None else state_of[limit.activity.state],
                 -1 if limit.own_track_of is None else track_of[limit.own_track_of],
-                _FIRST if limit.activity.not_before_ns is None else min(limit.activity.not_before_ns, _LAST),
-                _LAST if limit.activity.not_after_ns is None else max(limit.activity.not_after_ns, _FIRST),
+                _instant(limit.activity.not_before_ns, _FIRST),
+                _instant(limit.activity.not_after_ns, _LAST),
                 pattern_of[limit.exempt_links],
             )
             for limit in limits
@@ -60,6 +60,11 @@ class Rules:
         off = np.array(states + tracks, np.bool_)
         freeze(off)
         return off
+
+
+def _instant(at_ns: int | None, default: int) -> int:
+    """Return an instant as compiled code can hold it [ns]."""
+    return default if at_ns is None else min(max(at_ns, _FIRST), _LAST)
 
 
 def packed_cells(cells: Cells) -> tuple[Floats, Ints]:
