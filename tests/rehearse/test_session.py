@@ -13,6 +13,7 @@ from workgauge import Session
 from workgauge.gauge.build import LimitSet
 from workgauge.guard.api import GuardInput, GuardResult, Memory
 from workgauge.machine.load import load_machine
+from workgauge.machine.model import MachineModel
 from workgauge.rehearse.result import RunResult
 from workgauge.rehearse.run import default_drive, open_session, run_scenario, run_session
 from workgauge.rehearse.scenario import OnTrack
@@ -63,6 +64,11 @@ class Asleep:
 
     def allow(self, given: GuardInput, memory: Memory) -> tuple[GuardResult, Mapping[str, float]]:
         return GuardResult(given.desired, (), 1.0), {}
+
+    def idle(
+        self, sent: Floats | None, machine: MachineModel, dt_s: float, elapsed_s: float, memory: Memory
+    ) -> Memory:
+        return {}
 
 
 @pytest.fixture(scope="module")
