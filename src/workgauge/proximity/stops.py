@@ -108,7 +108,20 @@ class Stop:
         while True:
             packed = hulls.packed()
             found, missing = _gather(
-                *(near, low, high, room, columns, clearances.normals, variance, extra, speed, place_, moving),
+                *(
+                    near,
+                    clearances.distances,
+                    low,
+                    high,
+                    room,
+                    columns,
+                    clearances.normals,
+                    variance,
+                    extra,
+                    speed,
+                    place_,
+                    moving,
+                ),
                 *(scene.cell_ranges, hulls.of_cell, *scene.cell_boxes, *triangles, scene.pairs, arm.links),
             )
             if not len(missing):
@@ -280,8 +293,20 @@ def _near(
 
 
 @njit(cache=True)
+def _nearer_row(r: int, near: Any, columns: Any, distances: Any) -> bool:
+    """Return whether another clearance stands for the same solid and link: a link may have several boxes."""
+    solids, others, _ = columns
+    for k in near:
+        same = solids[k] == solids[r] and others[k] == others[r]
+        if same and (distances[k] < distances[r] or (distances[k] == distances[r] and k < r)):
+            return True
+    return False
+
+
+@njit(cache=True)
 def _gather(
     near: Any,
+    distances: Any,
     low: Any,
     high: Any,
     room: Any,
@@ -311,6 +336,8 @@ def _gather(
     for r in near:
         s = solids[r]
         own = others[r] >= 0
+        if own and _nearer_row(r, near, columns, distances):
+            continue
         first, last = 0, len(own_pairs)
         if not own:
             first, last = ranges[limits[r]], ranges[limits[r] + 1]
