@@ -7,6 +7,9 @@ poles on both sides, 10 m apart along the track. So the same few are near, wheth
   every box of the machine (limits and own links), levers to joint velocities, distance rows, guard, drive, gate.
 - `unsure_ms`: the same with pose and joints as sure as two RTK receivers and good joint sensors make them, so that
   each clearance gets a protection level of its own; in `workgauge_ms` they are exact.
+- `barrier_ms`: the same as `workgauge_ms` with the barrier guard, and joints that follow their valves at once.
+- `barrier_rollout_ms`: the barrier guard with 0.3 s of dead time, 0.2 s of lag and 0.6 s from full speed to rest,
+  each known to 20 %: every tick rolls all commands in flight out to rest, and once more what it chooses.
 - `pink_ms`: `Configuration.update` with the same boxes and pairs as a pinocchio collision model, then `solve_ik`: a
   posture task for the same joint velocity, joint and speed limits, and `SelfCollisionBarrier`, its barrier for pairs
   of bodies, told to keep only the 16 nearest. No freshness, no drive, no gate.
@@ -28,7 +31,7 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -38,8 +41,10 @@ from workgauge.loop.config import TickConfig, tick_config
 from workgauge.loop.inputs import TickInputs
 from workgauge.loop.memory import first_memory
 from workgauge.loop.tick import tick
+from workgauge.loop.warm import warm_up
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
+from workgauge.machine.parts import Stopping
 from workgauge.proximity.scene import Scene
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.limits import Limit, LimitKind, Source
@@ -58,6 +63,8 @@ GROUND_M = -0.6
 ID = "benchmark"
 DT_S = 0.02
 POSTURES = 100
+#: Dead time, lag, from full speed to rest [s]; relative tolerance.
+ROLLED_OUT = 0.3, 0.2, 0.6, 0.2
 POSITION_SIGMA_M, TURN_SIGMA, JOINT_SIGMA = (0.015, 0.015, 0.025), (0.001, 0.001, 0.0026), 0.0018
 
 
@@ -124,17 +131,37 @@ def measured(step: Callable[[int], object], runs: int) -> float:
     return 1e3 * statistics.median(times)
 
 
-def workgauge_step(given: Job, limits: list[Limit], *, unsure: bool = False) -> Callable[[int], object]:
-    """A whole tick on the next posture, the gate open and the swing lever out, unsure of pose and joints or not."""
-    config: TickConfig = tick_config(
-        given.machine, guard_named("linear"), machine_id=ID, dt_s=DT_S, radius_m=SEARCH_M
+def stopping(machine: MachineModel, late: bool) -> MachineModel:
+    """The machine with joints that stop at once, or late and known to some per cent only."""
+    dead_s, lag_s, rest_s, tolerance = ROLLED_OUT
+
+    def side(speeds: Floats) -> tuple[Stopping, ...]:
+        return tuple(Stopping(dead_s, lag_s, v / rest_s, tolerance) if late else Stopping() for v in speeds.tolist())
+
+    return replace(
+        machine, stopping_positive=side(machine.speed_positive), stopping_negative=side(machine.speed_negative)
     )
+
+
+def workgauge_step(
+    given: Job,
+    limits: list[Limit],
+    *,
+    unsure: bool = False,
+    guard: str = "linear",
+    late: bool = False,
+    dt_s: float = DT_S,
+) -> Callable[[int], object]:
+    """A whole tick on the next posture, the gate open and the swing lever out, unsure of pose and joints or not."""
+    given = replace(given, machine=stopping(given.machine, late))
+    config: TickConfig = tick_config(given.machine, guard_named(guard), machine_id=ID, dt_s=dt_s, radius_m=SEARCH_M)
+    warm_up(config)
     scene = Scene(given.machine, limits)
     state = {"memory": first_memory(config), "ticks": 0}
     pose = frozen(np.eye(4))
     covariance = frozen(np.diag(np.square([*POSITION_SIGMA_M, *TURN_SIGMA])) * unsure)
     joint_sigma = frozen(np.full(given.machine.n, JOINT_SIGMA) * unsure)
-    period_ns = round(DT_S * 1e9)
+    period_ns = round(dt_s * 1e9)
 
     def step(k: int) -> object:
         state["ticks"] += 1
@@ -304,6 +331,10 @@ def main() -> None:
         check(unsure)
         row: dict[str, float | int | None] = {"limits": count}
         row |= {"workgauge_ms": measured(ours, 1000), "unsure_ms": measured(unsure, 1000)}
+        for name, late in (("barrier_ms", False), ("barrier_rollout_ms", True)):
+            barrier = workgauge_step(given, pole_limits(boxes), guard="barrier", late=late)
+            check(barrier)
+            row[name] = measured(barrier, 1000)
         for name, make, runs in (("pink_ms", pink_step, 100_000 // count), ("mink_ms", mink_step, 500)):
             step = make(given, boxes)
             row[name] = None if step is None else measured(step, min(runs, 300))
