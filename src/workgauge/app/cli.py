@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from workgauge import __version__
+from workgauge.app.certify_command import certify_command
 from workgauge.app.check_command import check_command
 from workgauge.app.identify_command import identify_command
 from workgauge.app.limits_command import limits_command
@@ -74,6 +75,7 @@ app.command("run", cls=SeveralFiles)(run_command)
 app.command("check", cls=SeveralFiles)(check_command)
 app.command("measure-up")(measure_up_command)
 app.command("identify")(identify_command)
+app.command("certify", cls=SeveralFiles)(certify_command)
 app.command("replay", cls=SeveralFiles)(replay_command)
 app.command("schema")(schema_command)
 

@@ -79,6 +79,7 @@ class Chart:
     _below: list[str] = field(default_factory=list)
     _marks: list[str] = field(default_factory=list)
     _above: list[str] = field(default_factory=list)
+    _tops: list[str] = field(default_factory=list)
     _tags: list[tuple[float, str, str]] = field(default_factory=list)
 
     def x(self, value: float) -> float:
@@ -127,6 +128,28 @@ class Chart:
             f'<rect class="span {css}" x="{left:.1f}" width="{max(right - left, 1):.1f}" y="{MARGIN[2]}" '
             f'height="{self.height - MARGIN[2] - MARGIN[3]}"><title>{escape(text)}</title></rect>'
         )
+
+    def bar(self, start: float, end: float, value: float, css: str, text: str) -> None:
+        """Draw a bar from zero to `value` over a stretch of x, with a tooltip."""
+        left, right, top = self.x(start) + 1.0, self.x(end) - 1.0, self.y(value)
+        self._above.append(
+            f'<rect class="bar {css}" x="{left:.1f}" width="{max(right - left, 1):.1f}" y="{top:.1f}" '
+            f'height="{max(self.y(0.0) - top, 0):.1f}"><title>{escape(text)}</title></rect>'
+        )
+
+    def upright(self, value: float, text: str, css: str) -> None:
+        """Draw a vertical line over the whole height with a text to its right at the top."""
+        column = self.x(value)
+        self._marks.append(
+            f'<line class="threshold {css}" x1="{column:.1f}" x2="{column:.1f}" y1="{MARGIN[2]}" '
+            f'y2="{self.height - MARGIN[3]}"/>'
+        )
+        self._tops.append(f'<text class="tag {css}" x="{column + 6:.1f}" y="{MARGIN[2] + 12}">{escape(text)}</text>')
+
+    def note(self, x: float, y: float, text: str) -> None:
+        """Write a small text, centred, above a place."""
+        place = f'x="{self.x(x):.1f}" y="{self.y(y) - 5:.1f}" text-anchor="middle"'
+        self._tops.append(f'<text class="note" {place}>{escape(text)}</text>')
 
     def marks(self, places: Sequence[tuple[str, float]]) -> None:
         """Draw vertical hairlines at (text, x), with the text at the top where it fits before the next one."""
@@ -196,7 +219,7 @@ class Chart:
 
     def svg(self) -> str:
         """Return the finished picture."""
-        body = "\n".join((*self._below, *self._grid(), *self._marks, *self._above, *self._labels()))
+        body = "\n".join((*self._below, *self._grid(), *self._marks, *self._above, *self._tops, *self._labels()))
         return (
             f'<svg class="chart" viewBox="0 0 {self.width} {self.height}" role="img" '
             f'aria-label="{escape(self.title, quote=True)}">\n{body}\n</svg>'

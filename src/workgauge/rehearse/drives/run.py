@@ -13,6 +13,7 @@ from workgauge.loop.memory import first_memory
 from workgauge.loop.tick import Trace, tick
 from workgauge.motion.desired import MotionConfig
 from workgauge.motion.joystick import LeverFeel
+from workgauge.rehearse.drives.bus import IN_TIME, Bus, BusSettings
 from workgauge.rehearse.drives.draw import Drive
 from workgauge.rehearse.drives.dynamics import flying_s
 from workgauge.rehearse.drives.watch import NEAR_M, Nearest, Watch
@@ -97,12 +98,12 @@ def drive_config(drive: Drive, guard: Guard) -> TickConfig:
     )
 
 
-def run_drive(drive: Drive, guard: Guard) -> DriveResult:
+def run_drive(drive: Drive, guard: Guard, bus: BusSettings = IN_TIME) -> DriveResult:
     """Drive it with a guard from a fresh memory, let every lever go, and wait until the machine rests.
 
-    A drive and a guard give the same result bit for bit.
+    A drive, a guard and a bus give the same result bit for bit.
     """
-    run = DriveRun(drive, guard)
+    run = DriveRun(drive, guard, bus)
     for _ in run.steps():
         pass
     return run.result()
@@ -112,11 +113,13 @@ class DriveRun:
     """One guard on one drive.
 
     Args:
-        drive: which one. guard: its own, memory afresh.
+        drive: which one. guard: its own, memory afresh. bus: to the valves.
     """
 
-    def __init__(self, drive: Drive, guard: Guard) -> None:
+    def __init__(self, drive: Drive, guard: Guard, bus: BusSettings = IN_TIME) -> None:
         self._drive, self._guard = drive, guard
+        self._late = bus
+        self._bus = Bus(bus, drive.seed, drive.settings.dt_s / drive.settings.substeps)
         self._config = drive_config(drive, guard)
         self._hands = _Hands(drive)
         self._real = HydraulicJoints(drive.machine, drive.hydraulics)
@@ -134,6 +137,9 @@ class DriveRun:
         memory = first_memory(config)
         free_valves = (0,) * config.machine.n
         for k in range(round(settings.seconds / settings.dt_s)):
+            if self._bus.misses(self._hands.waits(k)):
+                self._move(None, free_valves if memory.gate.open else (0,) * config.machine.n)
+                continue
             inputs = self._hands.inputs(k, self._q)
             _, memory, trace = tick(inputs, memory, config)
             self._ticks += 1
@@ -165,13 +171,17 @@ class DriveRun:
             rest_s=self._rest_s,
         )
 
-    def _move(self, valves: tuple[int, ...], free_valves: tuple[int, ...]) -> None:
-        """Let a tick's time pass for the real machine and for the one without a guard."""
+    def _move(self, valves: tuple[int, ...] | None, free_valves: tuple[int, ...]) -> None:
+        """Let a tick's time pass for the real machine and for the one without a guard; None for nothing sent."""
         settings = self._drive.settings
         dt = settings.dt_s / settings.substeps
-        self._real.set_valves(valves)
+        if valves is not None:
+            self._bus.send(valves)
         path = []
         for _ in range(settings.substeps):
+            arrived = self._bus.arrived()
+            if arrived is not None:
+                self._real.set_valves(arrived)
             before, self._q = self._q, self._real.advance(dt, self._q)
             self._motion += float(np.abs(self._q - before).sum())
             path.append(self._q)
@@ -192,7 +202,8 @@ class DriveRun:
                 return
 
     def _flying_s(self) -> float:
-        return flying_s(self._drive.hydraulics) + self._drive.settings.dt_s
+        dt_s = self._drive.settings.dt_s
+        return flying_s(self._drive.hydraulics) + self._late.longest_s(dt_s) + dt_s
 
 
 class _Hands:
@@ -210,6 +221,11 @@ class _Hands:
         self._covariance = frozen(np.diag([doubt.position_m**2] * 3 + [doubt.angle_rad**2] * 3))
         self._sigma = frozen(np.full(drive.machine.n, doubt.joint))
         self._last_lost = -1
+
+    def waits(self, k: int) -> bool:
+        """Return whether at tick k the gate is shut, or the enable switch is let go and pressed anew."""
+        lost = self._drive.programme.lost_at(k * self._drive.settings.dt_s)
+        return lost is not None or k - self._last_lost <= _PRESSED
 
     def inputs(self, k: int, q: Floats) -> TickInputs:
         """Return the inputs of tick k at the true posture q (n,)."""
