@@ -57,6 +57,7 @@ class MachineModel:
         T_link_tool: (4, 4), tool frame in the last link's frame. tool_tolerance_m: 1-sigma of its position.
         chain: the joints in space.
         positioning: how it knows where it is; None if its pose comes from outside.
+        stretches: (e, 5), solid, its link, joint, axis and side of the boxes that stretch.
         self_stop_distance_m: at which its own links stop before each other, None for the guard's own distance [m].
     """
 
@@ -97,7 +98,7 @@ class MachineModel:
     _T_link_boxes: Floats = field(init=False, repr=False)
     _half_extents: Floats = field(init=False, repr=False)
     _stretching: tuple[int, ...] = field(init=False, repr=False)
-    _stretches: Ints = field(init=False, repr=False)
+    stretches: Ints = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         before = [np.eye(4), *(joint.T_joint_link for joint in self.chain)]
@@ -111,7 +112,7 @@ class MachineModel:
         stretches = [(i, solid.link, *solid.stretch) for i, solid in enumerate(self.solids) if solid.stretch]
         derived = {
             "_packed": packed,
-            "_stretches": frozen_ints(np.reshape(stretches, (-1, 5))),
+            "stretches": frozen_ints(np.reshape(stretches, (-1, 5))),
             "_moves": frozen(np.tri(self.n + 1, self.n, -1)),
             "_solid_links": frozen_ints([solid.link for solid in self.solids]),
             "_T_link_boxes": frozen([solid.T_link_box for solid in self.solids]),
@@ -224,7 +225,7 @@ class MachineModel:
         rows: Floats = distance_rows(
             *(np.array(T_site_machine, dtype=np.float64, order="C"), kin.spatial_jacobian, clearances.normals),
             *(clearances.points_machine, clearances.points_limit, clearances.links, clearances.other_links),
-            *(self._stretches, *boxes),
+            *(self.stretches, *boxes),
         )
         return rows
 

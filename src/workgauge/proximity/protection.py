@@ -4,7 +4,6 @@
 joints, g what each of them does to the distance; k from a stated integrity risk.
 """
 
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,15 +13,13 @@ import numpy as np
 
 from workgauge.machine.model import Kinematics, MachineModel
 from workgauge.machine.positioning import IntegritySpec
-from workgauge.proximity.cells import CORNER_SIGNS
+from workgauge.proximity.levels import protection_levels
 from workgauge.proximity.uncertainty import LimitUncertainty, MachineUncertainty
 from workgauge.values.arrays import Floats, freeze
 from workgauge.values.clearances import Clearances
 
 #: k sigma of a solid's whole turn beyond which errors are no longer small: no protection level is given [rad].
 LARGEST_TURN = 0.35
-_CROSS_PLACES = np.array([0, 2, 1, 2, 0, 0, 1, 0, 0])
-_CROSS_SIGNS = np.array([0.0, -1.0, 1.0, 1.0, 0.0, -1.0, -1.0, 1.0, 0.0])
 
 
 def protection_factor(risk: float) -> float:
@@ -183,57 +180,21 @@ def _levels(
     variances: Floats,
 ) -> Floats:
     """Return the levels (c,) without bias; `variances` (c,) are those of no place and turn."""
-    normals, n = clearances.normals, body.machine.n
-    covariance = body.unsure.covariance
-    outside = clearances.other_links < 0
-    # gradient (c, 6 + n) of the closest point; away (c, 3, 6 + n): what a point off it by u has besides, u @ away
-    crossing = _crossing(normals)
-    turned = T_site_machine[:3, :3] @ body.kin.spatial_jacobian[3:]
-    carried = _carried(n)
-    between = carried.take(clearances.links, axis=0)
-    between -= carried.take(clearances.other_links, axis=0)
-    away = np.zeros((len(normals), 3, 6 + n))
-    np.multiply((crossing.reshape(-1, 3) @ turned).reshape(-1, 3, n), between[:, None], out=away[:, :, 6:])
-    np.multiply(crossing, outside[:, None, None], out=away[:, :, 3:6])
-    gradient = np.empty((len(normals), 6 + n))
-    np.multiply(normals, outside[:, None], out=gradient[:, :3])
-    np.vecmat(clearances.points_machine - T_site_machine[:3, 3], away[:, :, 3:6], out=gradient[:, 3:6])
-    gradient[:, 6:] = rows
-    _stretch(away, clearances, body, T_site_machine)
-
-    weighed = gradient @ covariance
-    variances = variances + np.vecdot(weighed, gradient)
-    slopes = 2.0 * np.matvec(away, weighed)
-    curves = (away.reshape(-1, 6 + n) @ covariance).reshape(away.shape) @ away.transpose(0, 2, 1)
-    turns = np.where(outside, body.turns.take(clearances.links), body.own_turn)
-    arm: float | Floats = max(*body.arms, body.reach)
-    if len(limits.places):
-        levers = _add_limits(clearances, limits, crossing, variances, slopes, curves, turns)
-        arm = arm + levers
-    offsets = _corners(body, T_site_machine).take(clearances.solids, axis=0)
-    offsets -= clearances.points_machine[:, None]
-    levels = _worst_corner(k, offsets, normals, variances, slopes, curves)
-    levels += second_order(k, turns, arm, body.slide)
+    levels: Floats = protection_levels(
+        np.array(T_site_machine, dtype=np.float64, order="C"),
+        body.kin.spatial_jacobian,
+        (body.poses, body.halves, body.machine.stretches),
+        (
+            *(clearances.normals, clearances.points_machine, clearances.points_limit),
+            *(clearances.links, clearances.other_links, clearances.limits, clearances.solids),
+        ),
+        rows,
+        body.unsure.covariance,
+        (body.turns, body.own_turn, float(max(*body.arms, body.reach)), float(body.slide)),
+        (limits.poses, limits.places, limits.covariances),
+        *(float(k), variances, LARGEST_TURN),
+    )
     return levels
-
-
-def _worst_corner(
-    k: float, offsets: Floats, normals: Floats, variances: Floats, slopes: Floats, curves: Floats
-) -> Floats:
-    """Return the largest `k sigma(u) - n . u` (c,) over u = 0 and offsets (c, 8, 3) of corners.
-
-    `sigma(u)^2 = variance + slope . u + u . curve u`, with variances (c,), slopes (c, 3), curves (c, 3, 3).
-    """
-    bent = offsets @ curves
-    bent += slopes[:, None]
-    sigmas = np.vecdot(bent, offsets)
-    sigmas += variances[:, None]
-    np.sqrt(np.maximum(sigmas, 0.0, out=sigmas), out=sigmas)
-    sigmas *= k
-    beyond = np.matvec(offsets, normals)
-    sigmas -= np.maximum(beyond, 0.0, out=beyond)
-    found: Floats = np.maximum(k * np.sqrt(np.maximum(variances, 0.0)), np.maximum.reduce(sigmas, axis=1))
-    return found
 
 
 def second_order(k: float, turns: Floats, arm: float | Floats, slide: float) -> Floats:
@@ -241,65 +202,4 @@ def second_order(k: float, turns: Floats, arm: float | Floats, slide: float) -> 
     angles = k * turns
     found: Floats = 0.5 * angles * (angles * arm + 2.0 * k * slide)
     found[~(angles <= LARGEST_TURN)] = np.inf
-    return found
-
-
-def _add_limits(
-    clearances: Clearances,
-    limits: LimitUncertainty,
-    crossing: Floats,
-    variances: Floats,
-    slopes: Floats,
-    curves: Floats,
-    turns: Floats,
-) -> Floats:
-    """Add limits of uncertain pose to variances, slopes, curves and turns in place; return their lever arms (c,)."""
-    which = limits.poses.take(clearances.limits)
-    rows = np.flatnonzero(which >= 0)
-    which, crossing = which[rows], crossing[rows]
-    covariances, apart = limits.covariances[which], clearances.points_limit[rows] - limits.places[which]
-    gradient = np.concatenate([clearances.normals[rows], np.vecmat(apart, crossing)], axis=1)
-    weighed = np.matvec(covariances, gradient)
-    variances[rows] += np.vecdot(weighed, gradient)
-    slopes[rows] += 2.0 * np.matvec(crossing, weighed[:, 3:])
-    curves[rows] += crossing @ covariances[:, 3:, 3:] @ crossing.transpose(0, 2, 1)
-    turns[rows] += np.sqrt(covariances[:, 3:, 3:].trace(axis1=1, axis2=2))
-    levers = np.zeros(len(turns))
-    levers[rows] = np.sqrt(np.vecdot(apart, apart))
-    return levers
-
-
-def _corners(body: _Body, T_site_machine: Floats) -> Floats:
-    """Return the corners (S, 8, 3) of the solids in the site frame."""
-    poses = T_site_machine @ body.poses
-    corners: Floats = (CORNER_SIGNS * body.halves[:, None]) @ poses[:, :3, :3].transpose(0, 2, 1)
-    corners += poses[:, None, :3, 3]
-    return corners
-
-
-def _stretch(away: Floats, clearances: Clearances, body: _Body, T_site_machine: Floats) -> None:
-    """Add to `away` that points of a box that stretches take part in its joint's motion by their place along it."""
-    for i, solid in enumerate(body.machine.solids):
-        if solid.stretch is None:
-            continue
-        joint, axis, side = solid.stretch
-        outwards = side * (T_site_machine[:3, :3] @ body.poses[i, :3, axis])
-        on = np.flatnonzero(clearances.solids == i)
-        share = outwards / (2.0 * body.halves[i, axis])
-        away[on, :, 6 + joint] += (clearances.normals[on] @ outwards)[:, None] * share
-
-
-def _crossing(normals: Floats) -> Floats:
-    """Return the matrices (c, 3, 3) of `n x`: `u . (n x w) = u @ crossing @ w`."""
-    found: Floats = normals.take(_CROSS_PLACES, axis=1)
-    found *= _CROSS_SIGNS
-    return found.reshape(-1, 3, 3)
-
-
-@functools.cache
-def _carried(n: int) -> Floats:
-    """Return (n + 2, n), one where a joint carries a link; the last row, of index -1, is the environment's."""
-    found = np.tri(n + 2, n, -1)
-    found[-1] = 0.0
-    freeze(found)
     return found
