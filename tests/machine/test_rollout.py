@@ -130,7 +130,7 @@ def test_a_machine_anywhere_in_the_tolerance_is_within_the_intervals(seed, dt, t
 @settings(max_examples=40, deadline=None)
 @given(seed=seeds, dt=periods)
 def test_advancing_is_rolling(seed, dt):
-    """Rolled out from a tick ago with what was sent since, or from now: the same way lies ahead."""
+    """Rolled out from a tick ago with what was sent since, what is left lies around what is rolled out from now."""
     rng = np.random.default_rng(seed)
     model, full = drawn(rng, float(rng.choice([0.0, 0.3])))
     rollout = Rollout(model, dt, full[0], full[1])
@@ -144,8 +144,9 @@ def test_advancing_is_rolling(seed, dt):
     earlier = np.concatenate([np.zeros((1, N)), sent[:-1]])
     then = rollout.displacements(before, earlier, sent[-1:])
     now = rollout.displacements(v, sent, np.zeros((1, N)))
-    for one, other in zip(then, now, strict=True):
-        assert one[0, 1:] - one[0, 0] == pytest.approx(other[0, :-1], abs=1e-9 + 60 * dt * RESTING)
+    slack = 1e-9 + 60 * dt * RESTING
+    assert (then[0][0, 1:] - then[1][0, 0] <= now[0][0, :-1] + slack).all()
+    assert (then[1][0, 1:] - then[0][0, 0] >= now[1][0, :-1] - slack).all()
 
 
 @settings(max_examples=40, deadline=None)

@@ -151,6 +151,32 @@ def _commands(sent: Any, j: int, times: Any, asked: Any) -> int:
 
 
 @njit(cache=True)
+def _farthest(
+    times: Any, asked: Any, count: int, v: float, sign: float, delay: float, lag: Any, rate: Any, dt: float
+) -> float:
+    """Return how far one joint may still go in one direction at most, whatever its dead time, as long as it is one.
+
+    From a speed v, `P(v) = v^2 / 2a + a tau^2 / 2` (`v tau` below `a tau`) is left to rest, slow; the sum of way and
+    P grows by at most `1 + quick / slow` times the speed asked for. That counts every command once, where `_follow`,
+    not knowing when a short one acts, counts it for as long as it might. lag, rate: (slow, quick) of the direction.
+    """
+    knee = rate[0] * lag[0]
+    v = max(sign * v, 0.0)
+    left = v * lag[0] if v <= knee else v * v / (2.0 * rate[0]) + 0.5 * knee * lag[0]
+    total = 0.0
+    for i in range(1, count):
+        begin = max(times[i] + delay, 0.0)
+        end = times[i + 1] + delay if i + 1 < count else begin
+        total += max(sign * asked[i], 0.0) * max(end - begin, 0.0) * dt
+    quicker = rate[1] / rate[0]
+    if lag[1] > 0.0:
+        quicker = max(quicker, lag[0] / lag[1])
+    elif lag[0] > 0.0:
+        return math.inf
+    return left + (1.0 + quicker) * total
+
+
+@njit(cache=True)
 def roll(sent: Any, v: Any, first: Any, delay: Any, lag: Any, rate: Any, dt: float, marks: Any, out: Any) -> None:
     """Fill out (2, C, n, M) with the least and greatest displacement of every joint at each mark (M).
 
@@ -190,6 +216,10 @@ def roll(sent: Any, v: Any, first: Any, delay: Any, lag: Any, rate: Any, dt: flo
             _follow(
                 times, asked, count + 2, fork, marks[-1], state, delay[j], lag[j], rate[j], dt, marks, m, low, high
             )
+            up = _farthest(times, asked, count + 2, v[1, j], 1.0, delay[j, 1, 0], lag[j, :, 0], rate[j, :, 0], dt)
+            down = _farthest(times, asked, count + 2, v[0, j], -1.0, delay[j, 1, 1], lag[j, :, 1], rate[j, :, 1], dt)
+            for i in range(total):
+                low[i], high[i] = max(low[i], -down), min(high[i], up)
 
 
 @njit(cache=True)
