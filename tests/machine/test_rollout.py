@@ -130,11 +130,12 @@ def test_a_machine_anywhere_in_the_tolerance_is_within_the_intervals(seed, dt, t
 @settings(max_examples=40, deadline=None)
 @given(seed=seeds, dt=periods)
 def test_advancing_is_rolling(seed, dt):
-    """Rolled out from a tick ago with what was sent since, what is left lies around what is rolled out from now."""
+    """The speeds a tick later are the slopes of the rolled-out ways there, but where a way has come to its end."""
     rng = np.random.default_rng(seed)
     model, full = drawn(rng, float(rng.choice([0.0, 0.3])))
     rollout = Rollout(model, dt, full[0], full[1])
-    rollout.marks = np.arange(1.0, 60.0)
+    step = 1e-4
+    rollout.marks = np.array([1.0, 1.0 + step, 1e9])
     valves = history(rng, dt)
     velocities = np.where(valves > 0.0, valves * full[0], valves * full[1])
     v, sent = rollout.rest(), np.zeros((rollout.memory, N))
@@ -142,11 +143,11 @@ def test_advancing_is_rolling(seed, dt):
         sent = np.concatenate([sent[1:], velocity[None]])
         before, v = v, rollout.advanced(v, sent)
     earlier = np.concatenate([np.zeros((1, N)), sent[:-1]])
-    then = rollout.displacements(before, earlier, sent[-1:])
-    now = rollout.displacements(v, sent, np.zeros((1, N)))
-    slack = 1e-9 + 60 * dt * RESTING
-    assert (then[0][0, 1:] - then[1][0, 0] <= now[0][0, :-1] + slack).all()
-    assert (then[1][0, 1:] - then[0][0, 0] >= now[1][0, :-1] - slack).all()
+    low, high = rollout.displacements(before, earlier, sent[-1:])
+    for slope, speed, sign in (((low[0, 1] - low[0, 0]), v[0], -1.0), ((high[0, 1] - high[0, 0]), v[1], 1.0)):
+        close = np.abs(slope / (step * dt) - speed) < 1e-3 * full.max() + RESTING
+        capped = (slope == 0.0) & (sign * speed > 0.0)
+        assert (close | capped).all()
 
 
 @settings(max_examples=40, deadline=None)
