@@ -18,13 +18,13 @@ def left_figure(title: str, edges_m: Sequence[float], counts: Sequence[int], asi
     """
     width = edges_m[1] - edges_m[0]
     last = edges_m[-1] + 3.0 * width
-    top = max(max(counts, default=0), 1) * 1.2
+    top = max(max(counts, default=0), 5) * 1.2
     first = edges_m[0] - width
     chart = Chart(title, "what was left of the stop distance [m]", "drives", (first, last), (0.0, top), height=290)
     spans = [(first, edges_m[0]), *pairwise(edges_m), (edges_m[-1], last)]
     for (start, end), count in zip(spans, counts, strict=True):
         if count:
-            css = "below" if end <= 1e-9 else "aside" if aside else "kept"
+            css = "below" if end <= 1e-9 else "far" if end == last else "aside" if aside else "kept"
             words = "farther, or nothing near" if end == last else f"{start:.3f} to {end:.3f} m"
             chart.bar(start, end, count, css, f"{count} drives: {words}")
     chart.upright(0.0, "stop distance", "stop")

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Sequence
 from html import escape
 from importlib.resources import files
@@ -15,6 +16,8 @@ from workgauge.report.writing import write_files
 
 #: Failed drives named on the page.
 _NAMED = 12
+#: A command within a sentence.
+_COMMAND = re.compile("`([^`]+)`")
 
 
 def _cell(value: str, css: str = "") -> str:
@@ -27,11 +30,11 @@ def _head(*columns: tuple[str, bool]) -> str:
 
 
 def _table(head: str, rows: Sequence[str]) -> str:
-    return f'<div class="scroll"><table>{head}<tbody>{"".join(rows)}</tbody></table></div>'
+    return f'<div class="scroll"><table class="counts">{head}<tbody>{"".join(rows)}</tbody></table></div>'
 
 
-def _metres(value: float | None) -> str:
-    return "nothing near" if value is None else f"{value:.3f} m".replace("-", "\N{MINUS SIGN}")
+def _metres(value: float | None, none: str = "–") -> str:
+    return none if value is None else f"{value:.3f} m".replace("-", "\N{MINUS SIGN}")
 
 
 def _share(part: float, whole: float) -> str:
@@ -39,7 +42,8 @@ def _share(part: float, whole: float) -> str:
 
 
 def _list(sentences: Sequence[str]) -> str:
-    return '<ul class="plain">' + "".join(f"<li>{escape(one)}</li>" for one in sentences) + "</ul>"
+    items = (_COMMAND.sub(r"<code>\1</code>", escape(one)) for one in sentences)
+    return '<ul class="plain">' + "".join(f"<li>{one}</li>" for one in items) + "</ul>"
 
 
 def _tiles(certificate: Certificate) -> str:
@@ -47,8 +51,8 @@ def _tiles(certificate: Certificate) -> str:
     tiles = [
         (str(row.drives), "drives within the stopping model"),
         (str(row.entered), "of them entered a limit"),
-        (_metres(row.worst_clearance_m), "smallest true clearance"),
-        (_metres(row.worst_less_stop_m), "the least left of a stop distance"),
+        (_metres(row.worst_clearance_m, "none near"), "smallest true clearance"),
+        (_metres(row.worst_less_stop_m, "none near"), "the least left of a stop distance"),
         (_share(row.motion, row.free_motion), "of the way that the same levers make without a guard"),
         (_share(row.held_s, row.levers_s), "of the time at the levers lost at limits"),
     ]

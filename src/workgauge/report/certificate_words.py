@@ -12,7 +12,8 @@ NOT_SAFETY = (
 ASSUMPTIONS = (
     "Every joint stops within its stopping model: dead time and lag at most 1 + tolerance times those of the table, "
     "deceleration at least 1 / (1 + tolerance) of it, full speed at most as written.",
-    "A late bus and missed ticks use up room of that same tolerance; with the dead time they stay within it.",
+    "A late bus and missed ticks use up room of that same tolerance; with the dead time they stay within it. The "
+    "guard learns of a missed tick only afterwards: these drives try it, the proof does not cover it.",
     "Pose and posture are known. What the sensors leave open is kept as protection level on the machine; these "
     "drives are with perfect sensors.",
     "The undercarriage stands, and limits do not move while it works.",
