@@ -13,6 +13,8 @@ WORSENS_M_S = 1e-9
 #: How far off the projected point lies: so far that the projection is a linear programme's solution to within
 #: `n / 2 FAR_OFF` of the objective's gradient, and still near enough to leave twelve digits.
 FAR_OFF = 1e4
+#: A corner with less room than this counts as one of its solid's deepest [m].
+DEEPEST_M = 1e-3
 #: A multiplier below this share of the greatest takes no part in pinning.
 TAKES_PART = 1e-6
 #: No clearance shrinks this fast [m/s].
@@ -92,6 +94,7 @@ def way_out(
     low: Floats,
     high: Floats,
     *,
+    room: Floats | None = None,
     horizon_s: float = 1.0,
     grip: float = 0.1,
     least_m_s: float = 1e-4,
@@ -101,29 +104,33 @@ def way_out(
     Three linear programmes over the box, the next only if the one before gains less than `least_m_s`: (1) the worst
     grows as fast as it can while each other violated one grows at least `grip` as fast; (2) while none of the others
     shrinks; (3) all violated together grow as fast as they can while none shrinks. Clearances that are not violated
-    lose at most their slack per `horizon_s` in all three.
+    lose at most their slack per `horizon_s` in all three, and corners of a solid that are less deep than its deepest
+    at most what they have more.
 
     Args:
         rows: (k, n) `d(distance)/dt = row @ joint velocity` [m/rad, m/m].
         slack: (k,) below 0 where violated [m].
         low, high: (n,) joint velocities left, low at most 0, high at least 0; see `room` [rad/s, m/s].
+        room: (k,) what each row may lose in all, at least 0; its slack if None [m]. A violated row with room is a
+            corner that another one of its solid is deeper than.
         horizon_s: time over which the others' slack is kept.
         grip: share of the worst's growth, 0 to 1.
         least_m_s: slower ways out are none.
     """
     rows, slack = np.asarray(rows, dtype=np.float64), np.asarray(slack, dtype=np.float64)
     low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
+    left = np.maximum(slack if room is None else np.asarray(room, dtype=np.float64), 0.0)
     finite = np.isfinite(rows).all() and np.isfinite(low).all() and np.isfinite(high).all()
-    if not (finite and not np.isnan(slack).any()):
+    if not (finite and not np.isnan(slack).any() and not np.isnan(left).any()):
         return Pinned(-1, -1, False, 0, (), np.inf)
-    violated = slack < 0.0
+    violated = (slack < 0.0) & (left < DEEPEST_M)
     if not violated.any():
         return WayOut(frozen(np.zeros(len(low))), 0.0, -1)
     span = np.maximum(high, -low)
-    rates, floors = rows * span, -np.minimum(np.maximum(slack, 0.0) / horizon_s, _ENOUGH_M_S)
+    rates, floors = rows * span, -np.minimum(left / horizon_s, _ENOUGH_M_S)
     unit = np.divide(1.0, span, out=np.zeros_like(span), where=span > 0.0)
     bottom, top = low * unit, high * unit
-    worst = int(np.argmin(slack))
+    worst = int(np.argmin(np.where(violated, slack, np.inf)))
     followed = rates - grip * np.outer(violated & (np.arange(len(slack)) != worst), rates[worst])
     for wish, kept in ((rates[worst], followed), (rates[worst], rates)):
         alone = _best(wish, kept, floors, bottom, top)

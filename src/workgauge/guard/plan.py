@@ -87,8 +87,12 @@ class Plan:
         return Way(postures, widths, self.way.times)
 
     def changes(self, rows: Rows) -> Floats:
-        """Return (4, r, n) by how much each joint's part of each command changes each slack [m]."""
-        found: Floats = _changes(rows.rows, rows.postures, self._looked, self._middle, self._width)
+        """Return (4, r, n) by how much each joint's part of each command changes each slack [m].
+
+        Of a pair that is inside, that of the middle posture: what leads out by two joints together would never begin
+        if each were counted as late as it may be where it helps, and as early where it does not.
+        """
+        found: Floats = _changes(rows.rows, rows.postures, rows.inside, self._looked, self._middle, self._width)
         return found
 
 
@@ -245,7 +249,7 @@ def _after(
 
 
 @njit(cache=True)
-def _changes(rows: Any, postures: Any, looked: Any, middle: Any, width: Any) -> Any:
+def _changes(rows: Any, postures: Any, inside: Any, looked: Any, middle: Any, width: Any) -> Any:
     """Return (4, r, n), see `Plan.changes`."""
     count, n = rows.shape
     found = np.empty((4, count, n))
@@ -254,5 +258,7 @@ def _changes(rows: Any, postures: Any, looked: Any, middle: Any, width: Any) -> 
             m = looked[postures[r]]
             for j in range(n):
                 g = rows[r, j]
-                found[c, r, j] = g * (middle[c, m, j] - middle[0, m, j]) - abs(g) * (width[c, m, j] - width[0, m, j])
+                found[c, r, j] = g * (middle[c, m, j] - middle[0, m, j])
+                if not inside[r]:
+                    found[c, r, j] -= abs(g) * (width[c, m, j] - width[0, m, j])
     return found

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workgauge.machine.arm import place
 from workgauge.proximity.protection import link_turns, second_order
@@ -41,6 +42,7 @@ class Rows:
             has more than the deepest of its solid, if that has less than none. rows: (r, n), d(slack)/d(joint) of the
             middle posture.
         postures: (r,) which of the way's. clearances: (r,) which clearance of the present they belong to.
+        inside: (r,) whether the middle posture itself is nearer than may be.
     """
 
     slack: Floats
@@ -48,6 +50,7 @@ class Rows:
     rows: Floats
     postures: Ints
     clearances: Ints
+    inside: NDArray[np.bool_]
 
 
 class Stop:
@@ -128,7 +131,9 @@ class Stop:
                 break
             hulls.add_cells(missing)
         self._pairs, self._of, self._hulls = found[:-1], found[-1], packed
-        self.slack, self._ways, *rows = _examine(self._arm, self._pairs, packed, self._doubt, self._reach, self._of)
+        self.slack, self._ways, self._depths, *rows = _examine(
+            *(self._arm, self._pairs, packed, self._doubt, self._reach, self._of)
+        )
         self.rows = Rows(*rows)
 
     def shortfall(self, way: Way, floor_m: float) -> float:
@@ -138,7 +143,8 @@ class Stop:
         T = self._around.T_site_machine
         arm = _placed(T, way.postures, way.widths, self._around.scene.arm.packed)
         found: float = shortfall(
-            *(arm, self._pairs, self._hulls, self._doubt, self._reach, self.slack, self._ways, -floor_m)
+            *(arm, self._pairs, self._hulls, self._doubt, self._reach),
+            *(self.slack, self._ways, self._depths, -floor_m),
         )
         return found
 
@@ -387,18 +393,19 @@ def _gather(
 
 @njit(cache=True)
 def _examine(arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, of: Any) -> Any:
-    """Return the slack and ways of `bounds`, and the columns of `Rows`."""
+    """Return the slack, ways and depths of `bounds`, and the columns of `Rows`."""
     total, count, n = len(of), arm[0].shape[0], arm[0].shape[1]
-    slack, ways = np.empty((total, count)), np.empty((total, count, 3))
-    bounds(arm, pairs, hulls, doubt, reach, slack, ways)
+    slack, depths, ways = np.empty((total, count)), np.empty((total, count)), np.empty((total, count, 3))
+    bounds(arm, pairs, hulls, doubt, reach, slack, ways, depths, of)
     size = 64
     while True:
         left, room, rows, which = np.empty(size), np.empty(size), np.empty((size, n)), np.empty((size, 2), np.int64)
-        found = emit(arm, pairs, hulls, doubt, reach, slack, ways, left, room, rows, which)
+        inside = np.zeros(size, np.bool_)
+        found = emit(arm, pairs, hulls, doubt, reach, slack, ways, depths, left, room, rows, which, inside)
         if found <= size:
             break
         size = found
     postures, clearances = np.empty(found, np.int64), np.empty(found, np.int64)
     for i in range(found):
         postures[i], clearances[i] = which[i, 1], of[which[i, 0]]
-    return slack, ways, left[:found], room[:found], rows[:found], postures, clearances
+    return slack, ways, depths, left[:found], room[:found], rows[:found], postures, clearances, inside[:found]

@@ -60,6 +60,8 @@ class CellShapes:
             case Tube():
                 shared = np.array([index > 0, index + 2 < len(solid.axis)])
                 along = solid.axis[index + 1] - solid.axis[index]
+                straight = self.chain(self._cells.limits[cell]).straight_on
+                shared &= np.array([index > 0 and straight[index - 1], straight[index]])
             case _:
                 return corners
         length, half = float(np.linalg.norm(along)), len(corners) // 2

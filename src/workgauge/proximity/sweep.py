@@ -14,12 +14,15 @@ from typing import Any
 
 import numpy as np
 
+from workgauge.proximity.contact import MOST, TIED_M, patch, settled
 from workgauge.proximity.hulls import GROUND, SHARED
 from workgauge.proximity.separation import lowest, separating
 from workgauge.values.compiled import njit
 
 #: The way out already taken is kept unless another is shorter by this [m].
 KEPT_M = 0.01
+#: A pair is inside if it falls short by more than this: more than a verified command may ever come to [m].
+INSIDE_M = 0.0025
 
 
 @njit(cache=True)
@@ -233,6 +236,8 @@ def _better(p: int, i: int, start: Any, arm: Any, pairs: Any, hulls: Any, out: A
             if gap > best + (KEPT_M if c > 1 else 0.0):
                 best = gap
                 out[0], out[1], out[2] = trial[0], trial[1], trial[2]
+        settled(body, judged, out, trial)
+        out[0], out[1], out[2] = trial[0], trial[1], trial[2]
     if own[i]:
         x0, y0, z0 = out[0], out[1], out[2]
         for a in range(3):
@@ -240,15 +245,48 @@ def _better(p: int, i: int, start: Any, arm: Any, pairs: Any, hulls: Any, out: A
 
 
 @njit(cache=True)
-def bounds(arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, slack: Any, ways: Any) -> None:
+def _ahead(x: Any, y: Any, u: Any) -> float:
+    """Return how much farther along u point x lies than y."""
+    return float((x[0] - y[0]) * u[0] + (x[1] - y[1]) * u[1] + (x[2] - y[2]) * u[2])
+
+
+@njit(cache=True)
+def _inside(p: int, values: Any, rows: Any, widths: Any) -> bool:
+    """Return whether the middle posture itself falls short, from the corners' slacks (values) and their rows."""
+    least = math.inf
+    for c in range(8):
+        value = values[c]
+        for j in range(rows.shape[1]):
+            value += abs(rows[c, j]) * widths[p, j]
+        least = min(least, value)
+    return least < -INSIDE_M
+
+
+@njit(cache=True)
+def _apart(p: int, i: int, u: Any, arm: Any, pairs: Any, hulls: Any, times: Any) -> float:
+    """Return how far pair i, of no own link, is apart along u at the middle posture p, below 0 if it overlaps [m]."""
+    s, o = pairs[0][i], pairs[1][i]
+    body, other = arm[3][p, s], hulls[0][hulls[1][o] : hulls[1][o + 1]]
+    x, y = lowest(body, u[0], u[1], u[2]), lowest(other, -u[0], -u[1], -u[2])
+    moved = _approach(i, u, other, pairs[7], pairs[8]) * times[p] if pairs[9][i] else 0.0
+    return _ahead(body[x], other[y], u) - moved
+
+
+@njit(cache=True)
+def bounds(
+    arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, slack: Any, ways: Any, depths: Any, clearances: Any
+) -> None:
     """Fill slack (m, P) with the least slack of each pair on the way to each posture, and ways (m, P, 3) with its u.
 
     The slack is infinite where no corner's is below `|row| . reach` for any of reach: what one tick may change cannot
-    matter there. Where it may, the direction is sought anew.
+    matter there. Where it may, the direction is sought anew. Where the middle posture itself is inside, only the ends
+    of the way there are looked at, and depths (m, P) has how far the deepest pair of its clearance (m,) is apart
+    there; elsewhere it is -inf.
     """
     n, count = arm[0].shape[1], arm[0].shape[0]
     values, rows = np.empty(8), np.empty((8, n))
     u, other = np.empty(3), np.empty(3)
+    before_it, rows_before = np.empty(8), np.empty((8, n))
     for i in range(slack.shape[0]):
         u[:] = pairs[3][i]
         before = math.inf
@@ -256,21 +294,68 @@ def bounds(arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, slack: Any,
             here, tight = _corner_slacks(p, i, u, arm, pairs, hulls, doubt, reach, values, rows)
             ways[i, p] = u
             on_way = min(here, before)
+            inside = False
             if tight < 0.0:
                 _better(p, i, u, arm, pairs, hulls, other)
                 there, tight = _corner_slacks(p, i, other, arm, pairs, hulls, doubt, reach, values, rows)
                 past = math.inf
                 if p > 0:
-                    past, _ = _corner_slacks(p - 1, i, other, arm, pairs, hulls, doubt, reach, values, rows)
+                    past, _ = _corner_slacks(p - 1, i, other, arm, pairs, hulls, doubt, reach, before_it, rows_before)
                 if min(there, past) > on_way:
                     on_way = min(there, past)
                     ways[i, p] = other
                 if there > here:
                     here = there
                     u[:] = other
+                inside = tight < 0.0 and not pairs[2][i] and _inside(p, values, rows, arm[8])
+                if inside:
+                    on_way, here = min(there, before), there
+                    u[:], ways[i, p] = other, other
             free = tight >= 0.0 and (p == 0 or slack[i, p - 1] == math.inf)
             slack[i, p] = math.inf if free else on_way
+            depths[i, p] = _apart(p, i, other, arm, pairs, hulls, doubt[6]) if inside else -math.inf
             before = here
+    first = 0
+    for i in range(1, len(clearances) + 1):
+        if i == len(clearances) or clearances[i] != clearances[first]:
+            for p in range(count):
+                deepest = math.inf
+                for k in range(first, i):
+                    if depths[k, p] > -math.inf:
+                        deepest = min(deepest, depths[k, p])
+                for k in range(first, i):
+                    if depths[k, p] > -math.inf:
+                        depths[k, p] = deepest
+            first = i
+
+
+@njit(cache=True)
+def _touching(p: int, i: int, u: Any, arm: Any, pairs: Any, hulls: Any, turns: Any, rows: Any) -> int:
+    """Fill rows (MOST, n) with how the corners of the patch move along u where pair i, of no own link, would touch.
+
+    turns (n, 4): g_j of a point x is `turns[j, :3] . x + turns[j, 3]`. Returns how many there are.
+    """
+    s, o = pairs[0][i], pairs[1][i]
+    begin, end = hulls[1][o], hulls[1][o + 1]
+    body = arm[3][p, s]
+    points = np.empty((MOST, 3))
+    count = patch(body, hulls[5][begin:end] if hulls[6][o] == SHARED else hulls[0][begin:end], u, points)
+    joint, axis, side = arm[6][s, 0], arm[6][s, 1], arm[6][s, 2]
+    for c in range(count):
+        for j in range(rows.shape[1]):
+            rows[c, j] = turns[j, 3]
+            for a in range(3):
+                rows[c, j] += turns[j, a] * points[c, a]
+        if joint >= 0:  # of a box that stretches, what lies between its ends moves with its share
+            share, length = 0.0, 0.0
+            for a in range(3):
+                along = body[7, a] - body[7 - (4 >> axis), a]
+                share += (points[c, a] - body[7 - (4 >> axis), a]) * along
+                length += along * along
+            share = min(max(share / length, 0.0), 1.0)
+            R = arm[2][p, s]
+            rows[c, joint] += (share if side > 0 else 1.0 - share) * side * _along(R, axis, u[0], u[1], u[2])
+    return count
 
 
 @njit(cache=True)
@@ -282,18 +367,22 @@ def emit(
     reach: Any,
     slack: Any,
     ways: Any,
+    depths: Any,
     out: Any,
     room: Any,
     rows: Any,
     which: Any,
+    inside: Any,
 ) -> int:
     """Fill out (r,), rows (r, n), which (r, 2: pair, posture) with every corner with `slack < |row| . reach`.
 
-    room (r,): what of its slack a corner may lose; if the pair has less than none, what it has more than the pair's
-    least. slack, ways: of `bounds`. Returns how many there are; if more than there is room for, the rest is left out.
+    Of a pair that is inside (r,), the corners of the patch where the two would touch stand for those of the solid
+    that are deepest; see `contact`. room (r,): what of its slack a corner may lose; if the pair has less than none,
+    what it has more than the pair's least, inside more than its clearance's deepest. slack, ways, depths: of
+    `bounds`. Returns how many there are; if more than there is room for, the rest is left out.
     """
     n = rows.shape[1]
-    values, gradients = np.empty(8), np.empty((8, n))
+    values, gradients, touched, body = np.empty(8), np.empty((8, n)), np.empty((MOST, n)), np.empty((8, 3))
     count = 0
     for i in range(slack.shape[0]):
         for p in range(slack.shape[1]):
@@ -301,7 +390,7 @@ def emit(
                 continue
             for back in range(2):
                 at = p - back
-                if at < 0:
+                if at < 0 or (back == 1 and depths[i, p] > -math.inf):
                     continue
                 if back == 1:  # the former end has been seen by this direction already
                     same = slack[i, at] < math.inf
@@ -309,35 +398,60 @@ def emit(
                         same = same and ways[i, p, c] == ways[i, at, c]
                     if same:
                         continue
-                _, tight = _corner_slacks(at, i, ways[i, p], arm, pairs, hulls, doubt, reach, values, gradients)
+                least, tight = _corner_slacks(at, i, ways[i, p], arm, pairs, hulls, doubt, reach, values, gradients)
                 if tight >= 0.0:
                     continue
+                touching, deepest, more = 0, 0, 0.0
+                if depths[i, p] > -math.inf:
+                    touching = _touching(at, i, ways[i, p], arm, pairs, hulls, reach[2], touched)
+                    more = _apart(at, i, ways[i, p], arm, pairs, hulls, doubt[6]) - depths[i, p]
+                    body[:] = arm[3][at, pairs[0][i]]
+                    deepest = lowest(body, ways[i, p, 0], ways[i, p, 1], ways[i, p, 2])
+                for c in range(touching):
+                    if count < out.shape[0]:
+                        out[count], room[count] = least, more
+                        rows[count] = touched[c]
+                        which[count, 0], which[count, 1], inside[count] = i, at, True
+                    count += 1
                 for c in range(8):
+                    ahead = _ahead(body[c], body[deepest], ways[i, p]) if depths[i, p] > -math.inf else 0.0
+                    if touching and ahead < TIED_M:
+                        continue
                     if values[c] <= 0.0 or values[c] < needed(gradients[c], reach[0]):
                         if count < out.shape[0]:
                             out[count], room[count] = values[c], values[c] - min(slack[i, p], 0.0)
                             rows[count] = gradients[c]
                             which[count, 0], which[count, 1] = i, at
+                            inside[count] = depths[i, p] > -math.inf
+                            if inside[count]:
+                                room[count] = more + ahead
                         count += 1
     return count
 
 
 @njit(cache=True)
-def shortfall(arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, slack: Any, ways: Any, least: float) -> float:
+def shortfall(
+    arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, slack: Any, ways: Any, depths: Any, least: float
+) -> float:
     """Return by how much any pair that may matter has less slack than it had or needs, at most [m].
 
-    arm: other postures, as many. slack, ways: of `bounds`. What had less than `least` may not have less; what had
-    more may come down to it. Not above 0: every stop that was verified still is one.
+    arm: other postures, as many. slack, ways, depths: of `bounds`. What had less than `least` may not have less; what
+    had more may come down to it; what is inside may not come deeper than its clearance is. Not above 0: every stop
+    that was verified still is one.
     """
-    values, rows = np.empty(8), np.empty((8, arm[0].shape[1]))
+    values, rows, other = np.empty(8), np.empty((8, arm[0].shape[1])), np.empty(3)
     worst = -math.inf
     for i in range(slack.shape[0]):
         for p in range(slack.shape[1]):
             if slack[i, p] == math.inf:
                 continue
             now, _ = _corner_slacks(p, i, ways[i, p], arm, pairs, hulls, doubt, reach, values, rows)
-            if p > 0:
+            if p > 0 and depths[i, p] == -math.inf:
                 past, _ = _corner_slacks(p - 1, i, ways[i, p], arm, pairs, hulls, doubt, reach, values, rows)
                 now = min(now, past)
-            worst = max(worst, min(slack[i, p], least) - now)
+            short = min(slack[i, p], least) - now
+            if short > 0.0 and depths[i, p] > -math.inf:  # the way out turns with the machine
+                _better(p, i, ways[i, p], arm, pairs, hulls, other)
+                short = min(short, depths[i, p] - _apart(p, i, other, arm, pairs, hulls, doubt[6]))
+            worst = max(worst, short)
     return worst
