@@ -48,6 +48,7 @@ prove: $(VENV)/.test
 bench: $(VENV)/.bench
 	$(PY) benchmarks/site.py --json
 	$(PY) benchmarks/tick.py --json
+	$(PY) benchmarks/deadline.py --json
 	$(PY) benchmarks/decode.py --json
 	$(PY) benchmarks/travel.py --json
 
