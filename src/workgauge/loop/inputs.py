@@ -172,7 +172,8 @@ def covariance_wrong(covariance: Floats) -> str | None:
     if not (float(np.maximum.reduce(np.abs(covariance), axis=None)) < FAR * FAR) or min(variances) < 0.0:
         return "the covariance is not a number, or a variance below zero"
     scale = np.array([1.0 / math.sqrt(variance) if variance > 0.0 else 0.0 for variance in variances])
-    if not scale.all() and covariance[scale == 0.0].any():
+    sure = scale == 0.0
+    if sure.any() and (covariance[sure].any() or covariance[:, sure].any()):
         return "the covariance is not positive: an error that cannot be goes with another"
     correlation = scale[:, None] * covariance * scale
     if not np.array_equal(covariance, covariance.T) and (np.abs(correlation - correlation.T) > _ROUNDING).any():
