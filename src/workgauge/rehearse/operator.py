@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from workgauge.machine.model import MachineModel
-from workgauge.rehearse.scenario import DriveBack, DriveLine, Hold, MoveLevers, Step, Swing, WaitForTravel
+from workgauge.rehearse.scenario import DriveBack, DriveLine, DriveOut, Hold, MoveLevers, Step, Swing, WaitForTravel
 from workgauge.rehearse.targets import Targets
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.errors import ScenarioError
@@ -241,6 +241,8 @@ class Operator:
             return _Timed("hold", view, step.for_s, Hands())
         if isinstance(step, MoveLevers):
             return _Timed("levers", view, step.for_s, Hands(DriveMode.JOINT, Levers(**step.levers)))
+        if isinstance(step, DriveOut):
+            return _Timed("way out", view, step.for_s, Hands(DriveMode.EXIT, Levers(right_y=step.lever)))
         if isinstance(step, WaitForTravel):
             return _Waiting(step, view)
         if isinstance(step, DriveBack):

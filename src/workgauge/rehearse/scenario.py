@@ -167,6 +167,14 @@ class DriveBack(Part):
     at_most_s: Positive = 60.0
 
 
+class DriveOut(Part):
+    """Let the program drive the machine out of limits it is inside of; once it stands clear nothing moves."""
+
+    do: Literal["exit"]
+    lever: Deflection = 1.0
+    for_s: Positive
+
+
 class WaitForTravel(Part):
     """All levers in the middle until the undercarriage has made every leg of `travel`."""
 
@@ -175,7 +183,7 @@ class WaitForTravel(Part):
 
 
 Step: TypeAlias = Annotated[
-    Hold | MoveLevers | Swing | DriveLine | DriveBack | WaitForTravel, Field(discriminator="do")
+    Hold | MoveLevers | Swing | DriveLine | DriveBack | DriveOut | WaitForTravel, Field(discriminator="do")
 ]
 
 
@@ -215,6 +223,14 @@ class StateChange(Part):
     at_s: NotNegative = 0.0
     state: str = Field(min_length=1, description="as the rule book's `active_while` names it")
     on: bool
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain_on(cls, given: Any) -> Any:
+        """YAML reads a plain `on` as true, as a key too."""
+        if isinstance(given, dict) and True in given:
+            return {("on" if key is True else key): value for key, value in given.items()}
+        return given
 
 
 class Scenario(Part):
