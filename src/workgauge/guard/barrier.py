@@ -23,6 +23,8 @@ from workgauge.values.reasons import Reason
 
 #: A verified stop may fall short by this much, as a straight step along a curved bound does [m].
 SHORT_M = 2e-6
+#: For a way out, a joint is at its end where that leaves less than this share of its speed.
+AT_END = 0.01
 #: What is asked anew when a command does not verify: so much of it, then so much of that, then nothing.
 TRIALS = (0.5, 0.5)
 
@@ -179,6 +181,9 @@ class BarrierGuard:
         low, high = room(
             *(given.q, given.q_min, given.q_max, given.speed_positive, given.speed_negative, self.cushion_s)
         )
+        # nearer and nearer to its end a joint goes ever slower, and all that keep its pace with it
+        low[low > -AT_END * given.speed_negative] = 0.0
+        high[high < AT_END * given.speed_positive] = 0.0
         groups, n = given.exclusive_groups, len(low)
         grouped = {j for group in groups for j in group}
         found: list[Exit] = []
