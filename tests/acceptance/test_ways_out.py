@@ -44,8 +44,10 @@ LEAST_GAIN_M_S = 2e-3
 #: A way that leads no farther than this is none: where two corners are about as deep, a turn helps one so far [m].
 FAR_ENOUGH_M = 5e-3
 MACHINES = ("rre20", "brokk5", "sun-a")
-#: Share of starts at whose end the search still finds a way, though the machine stands still.
-STUCK_SHARE = 0.15
+#: Share of starts at whose end the machine stands still though the search finds a way, or without being said pinned.
+UNRESOLVED_SHARE = 0.25
+#: A joint nearer than this to its end is at it [rad, m].
+AT_END = 5e-3
 LATE = Dynamics(dead_time_s=0.3, lag_s=0.2, stop_s=0.6)
 
 
@@ -220,8 +222,8 @@ def searched(scene: Scene, machine: MachineModel, T: Floats, q: Floats) -> tuple
     for group in machine.exclusive_groups or (tuple(range(machine.n)),):
         shared = [j for j in range(machine.n) if all(j not in one for one in machine.exclusive_groups)]
         free = np.isin(np.arange(machine.n), [*group, *shared])
-        high = np.where(free & (q < machine.q_max - 1e-3), machine.speed_positive, 0.0)
-        low = np.where(free & (q > machine.q_min + 1e-3), -machine.speed_negative, 0.0)
+        high = np.where(free & (q < machine.q_max - AT_END), machine.speed_positive, 0.0)
+        low = np.where(free & (q > machine.q_min + AT_END), -machine.speed_negative, 0.0)
         way = _search_in(scene, machine, T, q, low, high)
         if way is not None:
             return way
@@ -369,7 +371,7 @@ def check(count: int) -> None:
             assert one.pinned is not None
             named = [limit for limit in start(one.seed).limits if any(limit.id in text for text in one.texts)]
             assert named
-    assert tally["stuck"] <= STUCK_SHARE * count, tally
+    assert tally["stuck"] + tally["silent"] <= UNRESOLVED_SHARE * count, tally
     assert tally["out"] >= 0.5 * count
 
 
