@@ -39,6 +39,7 @@ class GuardInput:
         keep_direction: a joint that must go slower slows all of them, so that the tool stays on its path.
         sent: (n,) joint velocities that the valves sent last ask for; None for none.
         elapsed_s: time since the last tick; dt_s unless ticks were missed [s].
+        age_s: how long ago `q` was measured [s].
         around: what stands around the machine, for guards that look at other postures; None if nobody can say.
         tool_rates: (3, n) joint velocities that move the tool at 1 m/s along the machine's x, y and z; None if not
             asked for.
@@ -60,6 +61,7 @@ class GuardInput:
     keep_direction: bool = False
     sent: Floats | None = None
     elapsed_s: float | None = None
+    age_s: float = 0.0
     around: Surroundings | None = None
     tool_rates: Floats | None = None
     exit_share: float | None = None

@@ -8,7 +8,7 @@ import numpy as np
 from workgauge.guard.api import GuardInput, GuardResult, Memory, full_stop, unusable
 from workgauge.guard.exit import Exit, Pinned, WayOut, room, way_out
 from workgauge.guard.joints import one_group, within_speed
-from workgauge.guard.plan import MINUS, PLUS, WISH, Plan, flown
+from workgauge.guard.plan import MINUS, PLUS, WISH, Flight, Plan, flown
 from workgauge.guard.programme import share
 from workgauge.guard.ranges import lever_ranges
 from workgauge.guard.why import cushioned_by, held_back, how_out
@@ -91,8 +91,7 @@ class BarrierGuard:
         self, sent: Floats | None, machine: MachineModel, dt_s: float, elapsed_s: float, memory: Memory
     ) -> Memory:
         """Return the memory after a tick in which nobody asked; what is in flight goes on flying."""
-        speeds, flying, late_s = flown(rollout_of(machine, dt_s), sent, elapsed_s, memory)
-        return {"group": -1, "speeds": speeds, "flying": flying, "late_s": late_s}
+        return {"group": -1, **flown(rollout_of(machine, dt_s), sent, elapsed_s, memory).plain()}
 
     def allow(self, given: GuardInput, memory: Memory) -> tuple[GuardResult, Memory]:
         """Return the velocity that may be driven, why, what each lever may still do, and what to remember.
@@ -106,17 +105,23 @@ class BarrierGuard:
         if wrong is not None:
             kept = self.idle(given.sent, around.machine, given.dt_s, elapsed_s, memory)
             return full_stop(len(given.joint_names), wrong), kept
-        speeds, flying, late_s = flown(rollout, given.sent, elapsed_s, memory)
+        flight = flown(rollout, given.sent, elapsed_s, memory)
+        since = flight.since(given.age_s / given.dt_s)
+        if since is None:
+            wrong = f"posture is {given.age_s:.2f} s old, too old to know where the joints are"
+            return full_stop(len(given.joint_names), wrong), {"group": -1, **flight.plain()}
+        motion = rollout, flight, since
         found: Exit | None = None
         if given.exit_share is not None:
-            velocity, found = self._driven_out(around, given, rollout, speeds, flying)
+            velocity, found = self._driven_out(around, given, motion)
             given = replace(given, desired=velocity, keep_direction=True)
         wish, group, reasons = _wish(given, memory)
-        plan, stop = self._rolled(around, given, rollout, speeds, flying, wish)
+        plan, stop = self._rolled(around, given, motion, wish)
         rows, changes, alpha = stop.rows, plan.changes(stop.rows), min(given.dt_s / self.ease_s, 1.0)
+        room_left = np.concatenate([np.where(rows.room > 0.0, rows.room, np.inf), rows.room / alpha])
         flow_rows, flow_most = _flow(around.machine, wish)
         solved = share(
-            *(changes[WISH], rows.room, alpha),
+            *(changes[WISH], room_left, alpha),
             keep_direction=given.keep_direction,
             flow_rows=flow_rows,
             flow_most=flow_most,
@@ -135,40 +140,35 @@ class BarrierGuard:
         ranges = None
         if given.tool_rates is not None:
             ranges = lever_ranges(
-                *(changes[PLUS], changes[MINUS], rows.room, alpha),
+                *(changes[PLUS], changes[MINUS], room_left, alpha),
                 *(given.speed_positive, given.speed_negative, given.tool_rates),
                 ends_positive=plan.ends[PLUS],
                 ends_negative=plan.ends[MINUS],
-                clearance_of=rows.clearances,
+                clearance_of=np.tile(rows.clearances, 2),
             )
         result = GuardResult(allowed, tuple(reasons), scale, ranges, found)
-        return result, {"group": group, "speeds": speeds, "flying": flying, "late_s": late_s}
+        return result, {"group": group, **flight.plain()}
 
     def _rolled(
-        self,
-        around: Surroundings,
-        given: GuardInput,
-        rollout: Rollout,
-        speeds: Floats,
-        flying: Floats,
-        wish: Floats,
+        self, around: Surroundings, given: GuardInput, motion: tuple[Rollout, Flight, Floats], wish: Floats
     ) -> tuple[Plan, Stop]:
         """Return where a wish would lead, and the stop in hand."""
         plan = Plan(
-            *(rollout, given, speeds, flying, wish),
+            *(motion[0], given, *motion[1:], wish),
             spacing_m=self.spacing_m,
             bend_m=0.25 * self.margin_m,
             farthest=around.scene.arm.farthest,
             cushion=min(given.dt_s / self.cushion_s, 1.0),
+            alpha=min(given.dt_s / self.ease_s, 1.0),
         )
-        return plan, self._stop(around, given, plan, min(given.dt_s / self.ease_s, 1.0))
+        return plan, self._stop(around, given, plan)
 
     def _driven_out(
-        self, around: Surroundings, given: GuardInput, rollout: Rollout, speeds: Floats, flying: Floats
+        self, around: Surroundings, given: GuardInput, motion: tuple[Rollout, Flight, Floats]
     ) -> tuple[Floats, Exit | None]:
         """Return the velocity (n,) that leads out of what the machine would come to rest inside of, and how."""
-        still = np.zeros(rollout.n)
-        _, stop = self._rolled(around, given, rollout, speeds, flying, still)
+        still = np.zeros(motion[0].n)
+        _, stop = self._rolled(around, given, motion, still)
         if not (stop.rows.slack < 0.0).any():
             return still, None
         found = self._sought(around, given, stop.rows)
@@ -193,7 +193,7 @@ class BarrierGuard:
         out = [one for one in found if isinstance(one, WayOut)]
         return max(out, key=lambda one: one.gain) if out else found[0]
 
-    def _stop(self, around: Surroundings, given: GuardInput, plan: Plan, alpha: float) -> Stop:
+    def _stop(self, around: Surroundings, given: GuardInput, plan: Plan) -> Stop:
         """Return the stop in hand: everything that has little slack on the way to rest from what is in flight."""
         clearances, farther = given.clearances, 0.0
         while True:
@@ -201,7 +201,8 @@ class BarrierGuard:
                 *(around, clearances, given.q, plan.way),
                 stop_distance_m=self.stop_distance_m,
                 margin_m=self.margin_m,
-                reach=plan.reach / alpha,
+                reach=plan.reach,
+                known_m=max(clearances.searched_m, farther),
             )
             if stop.reach_m <= max(clearances.searched_m, farther):
                 return stop

@@ -1,5 +1,7 @@
 """What a tick may command, rolled out: where the joints may be until they rest, for several commands side by side."""
 
+import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,46 +14,81 @@ from workgauge.values.compiled import njit
 
 #: The commands rolled out: none, what is wished for, every joint at its full positive and negative speed.
 NONE, WISH, PLUS, MINUS = range(4)
+#: A posture may be this old; where the joints have gone since is known that long [s].
+OLDEST_S = 0.25
 
 
-def flown(rollout: Rollout, sent: Floats | None, elapsed_s: float, memory: Memory) -> tuple[Floats, Floats, float]:
-    """Return the bounds of the speeds (2, n) now, the commands in flight (H, n), the newest last, and what
-    of the time is not counted yet, less than half a tick [s].
+@dataclass(frozen=True, slots=True, eq=False)
+class Flight:
+    """What is known of the joints' motion now, beside their measured positions.
+
+    Attributes:
+        speeds: (2, n) lower and upper bounds [rad/s, m/s]. flying: (H, n) commands still in flight, the newest last.
+        ways: (K, 2, n) bounds of the way made in each of the last ticks, the newest last [rad, m].
+        late_s: what of the time is not counted yet, less than half a tick.
+    """
+
+    speeds: Floats
+    flying: Floats
+    ways: Floats
+    late_s: float
+
+    def plain(self) -> dict[str, Any]:
+        """Return it as a guard's memory."""
+        return {"speeds": self.speeds, "flying": self.flying, "ways": self.ways, "late_s": self.late_s}
+
+    def since(self, ticks: float) -> Floats | None:
+        """Return bounds (2, n) of the way made in the last `ticks` ticks, None if that is longer than is known."""
+        if ticks <= 0.0:
+            return np.zeros(self.speeds.shape)
+        whole = math.ceil(ticks - 1e-6)
+        if whole > len(self.ways):
+            return None
+        longer = self.ways[len(self.ways) - whole :].sum(axis=0)
+        shorter = longer - self.ways[len(self.ways) - whole]
+        return np.stack([np.minimum(longer[0], shorter[0]), np.maximum(longer[1], shorter[1])])
+
+
+def flown(rollout: Rollout, sent: Floats | None, elapsed_s: float, memory: Memory) -> Flight:
+    """Return what flies now.
 
     Args:
         rollout: the stopping model. sent: (n,) velocities the valves have asked for since the last tick, None for
             none. elapsed_s: since then; more than a tick's period if ticks were missed.
         memory: of the last tick; an empty one, or one of another model, stands for a machine at rest.
     """
-    speeds, flying, late_s = memory.get("speeds"), memory.get("flying"), float(memory.get("late_s", 0.0))
-    speeds = rollout.rest() if speeds is None else np.asarray(speeds, dtype=np.float64)
-    flying = np.zeros((rollout.memory, rollout.n)) if flying is None else np.asarray(flying, dtype=np.float64)
-    if speeds.shape != (2, rollout.n) or flying.shape != (rollout.memory, rollout.n):
-        speeds, flying = rollout.rest(), np.zeros((rollout.memory, rollout.n))
-    passed_s = elapsed_s + late_s
+    n, kept = rollout.n, math.ceil(OLDEST_S / rollout.dt_s) + 1
+    shapes = {"speeds": (2, n), "flying": (rollout.memory, n), "ways": (kept, 2, n)}
+    arrays = {name: np.array(memory.get(name, ()), dtype=np.float64) for name in shapes}
+    if any(arrays[name].shape != shape for name, shape in shapes.items()):
+        arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
+    passed_s = elapsed_s + float(memory.get("late_s", 0.0))
     ticks = min(max(round(passed_s / rollout.dt_s), 1), rollout.memory + round(rollout.rest_ticks))
     late_s = max(min(passed_s - ticks * rollout.dt_s, 0.5 * rollout.dt_s), -0.5 * rollout.dt_s)
-    speeds, flying = _fly(speeds, flying, np.zeros(rollout.n) if sent is None else sent, ticks, rollout.packed)
-    freeze(speeds)
-    freeze(flying)
-    return speeds, flying, late_s
+    asked = np.zeros(n) if sent is None else np.array(sent, dtype=np.float64)
+    speeds, flying, ways = _fly(*(arrays[name] for name in shapes), asked, ticks, rollout.packed)
+    for array in (speeds, flying, ways):
+        freeze(array)
+    return Flight(speeds, flying, ways, late_s)
 
 
 class Plan:
     """Displacements of the joints from now to rest, after each of the commands `NONE` to `MINUS`.
 
     Args:
-        rollout: the stopping model. given: of this tick. speeds, flying: see `flown`.
+        rollout: the stopping model. given: of this tick. flight: see `flown`.
+        since: (2, n) bounds of the way made since the posture was measured.
         wish: (n,) what the joints themselves allow of what is desired.
         spacing_m, bend_m: no corner moves farther between two postures looked at, nor farther off the straight way
             (of the joints) between them than `bend_m` [m].
         farthest: (n,) how far from each joint's axis a corner may be [m].
         cushion: one tick uses up at most this share of what is left between a joint's end and where it would rest.
+        alpha: and at most this share of a slack.
 
     Attributes:
         way: the way to rest without a command.
-        reach: (c, n) how much of each joint's way one tick's command may change: the whole wish, every joint at its
-            full speed by itself, the tool along each axis as fast as the joints can [rad, m].
+        reach: (c, n) slacks below `|row| . reach` may matter to a command: the whole wish, every joint at its full
+            speed by itself, the tool along each axis as fast as the joints can [rad, m].
         ends: (4, n) the share of each command that leaves every joint its due before its end.
     """
 
@@ -59,21 +96,24 @@ class Plan:
         self,
         rollout: Rollout,
         given: GuardInput,
-        speeds: Floats,
-        flying: Floats,
+        flight: Flight,
+        since: Floats,
         wish: Floats,
         *,
         spacing_m: float,
         bend_m: float,
         farthest: Floats,
         cushion: float,
+        alpha: float,
     ) -> None:
-        self._rollout, self._given, self._speeds, self._flying = rollout, given, speeds, flying
+        self._rollout, self._given, self._flight, self._since = rollout, given, flight, since
+        first = np.stack([np.zeros(rollout.n), wish, given.speed_positive, given.speed_negative])
+        self._ways = np.abs(first) * rollout.dt_s
         tool = np.zeros((0, rollout.n)) if given.tool_rates is None else given.tool_rates
         self._middle, self._width, self._looked, way, self.reach, self.ends = _plan(
-            *(speeds, flying, wish, rollout.packed, rollout.marks, rollout.rest_ticks),
+            *(flight.speeds, flight.flying, since, wish, rollout.packed, rollout.marks, rollout.rest_ticks),
             *(given.q, given.q_min, given.q_max, given.speed_positive, given.speed_negative, tool),
-            *(spacing_m, bend_m, farthest, cushion),
+            *(spacing_m, bend_m, farthest, cushion, alpha),
         )
         self.way = Way(*way)
 
@@ -81,36 +121,49 @@ class Plan:
         """Return the same moments of the way to rest after another command (n,)."""
         rollout, given = self._rollout, self._given
         postures, widths = _after(
-            *(self._speeds, self._flying, command, rollout.packed, rollout.marks, self._looked),
+            *(self._flight.speeds, self._flight.flying, self._since, command),
+            *(rollout.packed, rollout.marks, self._looked),
             *(given.q, given.q_min, given.q_max),
         )
         return Way(postures, widths, self.way.times)
 
     def changes(self, rows: Rows) -> Floats:
-        """Return (4, r, n) by how much each joint's part of each command changes each slack [m].
+        """Return (4, 2 r, n) by how much each joint's part of each command changes each slack [m].
 
+        First as far as it moves in this one tick, no more than speed times period: of that an approach may use up a
+        share `alpha` of the slack. Then as far as it may, while nobody knows exactly when it acts: of that, all.
         Of a pair that is inside, that of the middle posture: what leads out by two joints together would never begin
         if each were counted as late as it may be where it helps, and as early where it does not.
         """
-        found: Floats = _changes(rows.rows, rows.postures, rows.inside, self._looked, self._middle, self._width)
+        found: Floats = _changes(
+            *(rows.rows, rows.postures, rows.inside, self._looked, self._middle, self._width, self._ways)
+        )
         return found
 
 
 @njit(cache=True)
-def _fly(speeds: Any, flying: Any, sent: Any, ticks: int, model: Any) -> Any:
-    """Return speeds and commands in flight so many ticks later, all of them with the same command."""
+def _fly(speeds: Any, flying: Any, ways: Any, sent: Any, ticks: int, model: Any) -> Any:
+    """Return speeds, commands in flight and ways so many ticks later, all of them with the same command."""
     delay, lag, rate, dt = model
-    count = flying.shape[0]
     for _ in range(ticks):
-        after = np.empty_like(flying)
-        for i in range(count - 1):
-            after[i] = flying[i + 1]
-        after[count - 1] = sent
-        flying = after
+        for i in range(flying.shape[0] - 1):
+            flying[i] = flying[i + 1]
+        for i in range(ways.shape[0] - 1):
+            ways[i] = ways[i + 1]
+        flying[flying.shape[0] - 1] = sent
         moved = np.empty_like(speeds)
-        advance(flying, speeds, delay, lag, rate, dt, moved)
+        advance(flying, speeds, delay, lag, rate, dt, moved, ways[ways.shape[0] - 1])
         speeds = moved
-    return speeds, flying
+    return speeds, flying, ways
+
+
+@njit(cache=True)
+def _add(out: Any, since: Any) -> None:
+    """Add bounds of a way made before (2, n) to displacements out (2, C, n, M)."""
+    for side in range(2):
+        for c in range(out.shape[1]):
+            for j in range(out.shape[2]):
+                out[side, c, j] += since[side, j]
 
 
 @njit(cache=True)
@@ -162,6 +215,7 @@ def _looked_at(middle: Any, width: Any, spacing: float, bend: float, farthest: A
 def _plan(
     speeds: Any,
     flying: Any,
+    since: Any,
     wish: Any,
     model: Any,
     marks: Any,
@@ -176,6 +230,7 @@ def _plan(
     bend: float,
     farthest: Any,
     cushion: float,
+    alpha: float,
 ) -> Any:
     """Return middles and widths (4, M, n), the marks looked at, the way's fields, reach and ends, see `Plan`."""
     delay, lag, rate, dt = model
@@ -184,6 +239,7 @@ def _plan(
     first[1], first[2], first[3] = wish, positive, -negative
     out = np.empty((2, 4, n, total))
     roll(flying, speeds, first, delay, lag, rate, dt, marks, out)
+    _add(out, since)
     middle, width = np.empty((4, total, n)), np.empty((4, total, n))
     _within(out, q, q_min, q_max, middle, width)
 
@@ -195,6 +251,7 @@ def _plan(
         for j in range(n):
             postures[p, j], widths[p, j] = q[j] + middle[0, looked[p], j], width[0, looked[p], j]
 
+    # what a command changes may be used up at once; what it moves in its tick counts 1 / alpha times, see `changes`
     reach = np.zeros((1 + n + tool.shape[0], n))
     for j in range(n):
         for c in range(1, 4):
@@ -202,6 +259,7 @@ def _plan(
             for m in range(total):
                 change = abs(middle[c, m, j] - middle[0, m, j]) + abs(width[c, m, j] - width[0, m, j])
                 most = max(most, change)
+            most = max(most, min(most, abs(first[c, j]) * dt) / alpha)
             if c == 1:
                 reach[0, j] = most
             else:
@@ -231,7 +289,16 @@ def _plan(
 
 @njit(cache=True)
 def _after(
-    speeds: Any, flying: Any, command: Any, model: Any, marks: Any, looked: Any, q: Any, q_min: Any, q_max: Any
+    speeds: Any,
+    flying: Any,
+    since: Any,
+    command: Any,
+    model: Any,
+    marks: Any,
+    looked: Any,
+    q: Any,
+    q_min: Any,
+    q_max: Any,
 ) -> Any:
     """Return postures and widths (P, n) at the marks looked at, after a command (n,)."""
     delay, lag, rate, dt = model
@@ -240,6 +307,7 @@ def _after(
     first[0] = command
     out, middle, width = np.empty((2, 1, n, total)), np.empty((1, total, n)), np.empty((1, total, n))
     roll(flying, speeds, first, delay, lag, rate, dt, marks, out)
+    _add(out, since)
     _within(out, q, q_min, q_max, middle, width)
     postures, widths = np.empty((count, n)), np.empty((count, n))
     for p in range(count):
@@ -249,16 +317,20 @@ def _after(
 
 
 @njit(cache=True)
-def _changes(rows: Any, postures: Any, inside: Any, looked: Any, middle: Any, width: Any) -> Any:
-    """Return (4, r, n), see `Plan.changes`."""
+def _changes(rows: Any, postures: Any, inside: Any, looked: Any, middle: Any, width: Any, ways: Any) -> Any:
+    """Return (4, 2 r, n), see `Plan.changes`; ways (4, n): how far each joint moves in the tick."""
     count, n = rows.shape
-    found = np.empty((4, count, n))
+    found = np.empty((4, 2 * count, n))
     for c in range(4):
         for r in range(count):
             m = looked[postures[r]]
             for j in range(n):
                 g = rows[r, j]
-                found[c, r, j] = g * (middle[c, m, j] - middle[0, m, j])
+                moved, wide = middle[c, m, j] - middle[0, m, j], width[c, m, j] - width[0, m, j]
+                change = g * moved
                 if not inside[r]:
-                    found[c, r, j] -= abs(g) * (width[c, m, j] - width[0, m, j])
+                    change -= abs(g) * wide
+                size = abs(moved) + abs(wide)
+                found[c, r, j] = change * (min(ways[c, j] / size, 1.0) if size > 0.0 else 1.0)
+                found[c, count + r, j] = change
     return found

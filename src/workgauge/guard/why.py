@@ -46,7 +46,8 @@ def held_back(
     """
     if not solved.ok:
         return [Reason(ReasonCode.INVALID_VALUE, f"stopped: {solved.why}", scale=0.0)]
-    active = [row for row in solved.active if row < len(rows.slack)]
+    count = len(rows.slack)  # each stands twice in the programme, see `Plan.changes`
+    active = [row % count for row in solved.active if row < 2 * count]
     flow = [] if len(active) == len(solved.active) else [_pump(scale)]
     if kept < 1.0 and not active and len(rows.slack):
         active = [int(np.argmin(rows.slack))]

@@ -105,6 +105,7 @@ def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[Ti
                 keep_direction=seen.intent.mode is not DriveMode.JOINT,
                 sent=sent,
                 elapsed_s=elapsed_s,
+                age_s=seen.posture.stamp.age_s(now),
                 around=around,
                 tool_rates=tool_rates(machine, kin, config.motion),
                 exit_share=exit_share(seen.intent, motion_memory),

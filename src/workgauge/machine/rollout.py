@@ -173,7 +173,7 @@ def _farthest(
         quicker = max(quicker, lag[0] / lag[1])
     elif lag[0] > 0.0:
         return math.inf
-    return left + (1.0 + quicker) * total
+    return float(left + (1.0 + quicker) * total)
 
 
 @njit(cache=True)
@@ -232,17 +232,17 @@ def _known(first: Any, c: int, j: int) -> int:
 
 
 @njit(cache=True)
-def advance(sent: Any, v: Any, delay: Any, lag: Any, rate: Any, dt: float, out: Any) -> None:
-    """Fill out (2, n) with bounds of the speeds now, v (2, n) being those a tick ago."""
+def advance(sent: Any, v: Any, delay: Any, lag: Any, rate: Any, dt: float, out: Any, way: Any) -> None:
+    """Fill out (2, n) with bounds of the speeds now, way (2, n) of the way since; v (2, n): speeds a tick ago."""
     times, asked, none = np.empty(sent.shape[0] + 1), np.empty(sent.shape[0] + 1), np.empty(0)
     state = np.empty(4)
     for j in range(v.shape[1]):
         count = _commands(sent, j, times, asked)
-        out[0, j] = out[1, j] = 0.0
+        out[0, j] = out[1, j] = way[0, j] = way[1, j] = 0.0
         if count > 1 or v[0, j] != 0.0 or v[1, j] != 0.0:
             state[0], state[1], state[2], state[3] = v[0, j], v[1, j], 0.0, 0.0
             _follow(times, asked, count, -1.0, 0.0, state, delay[j], lag[j], rate[j], dt, none, 0, none, none)
-            out[0, j], out[1, j] = state[0], state[1]
+            out[0, j], out[1, j], way[0, j], way[1, j] = state[0], state[1], state[2], state[3]
         if count == 1 and max(abs(out[0, j]), abs(out[1, j])) < RESTING:
             out[0, j] = out[1, j] = 0.0
 
@@ -308,7 +308,7 @@ class Rollout:
     def advanced(self, v: Floats, sent: Floats) -> Floats:
         """Return the bounds of the speeds (2, n) a tick later; sent (H, n) ends with the command of that tick."""
         out = np.empty_like(v)
-        advance(sent, v, *self.packed, out)
+        advance(sent, v, *self.packed, out, np.empty_like(v))
         return out
 
     def displacements(self, v: Floats, sent: Floats, first: Floats) -> tuple[Floats, Floats]:

@@ -63,6 +63,7 @@ class Stop:
         around: the surroundings. clearances: of the present posture q (n,), complete to `reach_m`.
         way: postures to look at. stop_distance_m: for limits that have none of their own.
         margin_m: kept besides. reach: (c, n) [rad, m] slacks below `|row| . reach` of any are looked at closely.
+        known_m: how far the clearances are known; if that is too little, only `reach_m` is found.
 
     Attributes:
         reach_m: how far clearances had to be known. clearances: those given.
@@ -80,6 +81,7 @@ class Stop:
         stop_distance_m: float,
         margin_m: float,
         reach: Floats,
+        known_m: float = np.inf,
     ) -> None:
         scene, arm = around.scene, around.scene.arm
         self._around, self.clearances, self._reach = (
@@ -97,6 +99,8 @@ class Stop:
         )
         self.reach_m = far + around.largest_m + float(bands.max(initial=0.0)) + margin_m
         self.reach_m += max(stop_distance_m, scene.largest_stop_m) + float(approach.max(initial=0.0))
+        if self.reach_m > known_m:
+            return
         room = (need, around.largest_m + bands, approach)
         triangles = self._triangles(near, low, high, room) if scene.surfaces else scene.no_triangles
         unsure, integrity = around.unsure, around.integrity
