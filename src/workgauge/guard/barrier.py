@@ -144,7 +144,7 @@ class BarrierGuard:
                 *(given.speed_positive, given.speed_negative, given.tool_rates),
                 ends_positive=plan.ends[PLUS],
                 ends_negative=plan.ends[MINUS],
-                clearance_of=np.tile(rows.clearances, 2),
+                clearance_of=np.concatenate([rows.clearances, rows.clearances]),
             )
         result = GuardResult(allowed, tuple(reasons), scale, ranges, found)
         return result, {"group": group, **flight.plain()}
@@ -212,8 +212,10 @@ class BarrierGuard:
     def _verified(self, plan: Plan, stop: Stop, command: Floats) -> float:
         """Return what of a command is verified: all, half, a quarter, or none of it."""
         kept = 1.0
+        if stop.free or not command.any():
+            return kept
         for again in (*TRIALS, 0.0):
-            if not command.any() or stop.shortfall(plan.way_after(command * kept), 0.25 * self.margin_m) <= SHORT_M:
+            if stop.shortfall(plan.way_after(command * kept), 0.25 * self.margin_m) <= SHORT_M:
                 return kept
             kept *= again
         return 0.0

@@ -107,10 +107,8 @@ class Plan:
         alpha: float,
     ) -> None:
         self._rollout, self._given, self._flight, self._since = rollout, given, flight, since
-        first = np.stack([np.zeros(rollout.n), wish, given.speed_positive, given.speed_negative])
-        self._ways = np.abs(first) * rollout.dt_s
         tool = np.zeros((0, rollout.n)) if given.tool_rates is None else given.tool_rates
-        self._middle, self._width, self._looked, way, self.reach, self.ends = _plan(
+        self._middle, self._width, self._looked, way, self.reach, self.ends, self._ways = _plan(
             *(flight.speeds, flight.flying, since, wish, rollout.packed, rollout.marks, rollout.rest_ticks),
             *(given.q, given.q_min, given.q_max, given.speed_positive, given.speed_negative, tool),
             *(spacing_m, bend_m, farthest, cushion, alpha),
@@ -232,7 +230,8 @@ def _plan(
     cushion: float,
     alpha: float,
 ) -> Any:
-    """Return middles and widths (4, M, n), the marks looked at, the way's fields, reach and ends, see `Plan`."""
+    """Return middles and widths (4, M, n), the marks looked at, the way's fields, reach and ends, see `Plan`; and how
+    far each joint moves in the tick (4, n)."""
     delay, lag, rate, dt = model
     n, total = len(q), len(marks)
     first = np.zeros((4, n))
@@ -284,7 +283,7 @@ def _plan(
             room = cushion * max(room, 0.0)
             if more > 0.0 and room < more:
                 ends[c, j] = room / more
-    return middle, width, looked, (postures, widths, times), reach, ends
+    return middle, width, looked, (postures, widths, times), reach, ends, np.abs(first) * dt
 
 
 @njit(cache=True)

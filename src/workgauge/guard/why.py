@@ -28,8 +28,10 @@ def cushioned_by(ends: Floats, wish: Floats, names: tuple[str, ...]) -> list[Rea
         ends: (n,) share of its wish that each joint's end leaves. wish: (n,) wanted velocities. names: (n).
     """
     reasons = []
-    for j in np.flatnonzero((ends < WHOLE) & (wish != 0.0)).tolist():
-        end, share = "upper" if wish[j] > 0.0 else "lower", float(ends[j])
+    for j, (share, v) in enumerate(zip(ends.tolist(), wish.tolist(), strict=True)):
+        if share >= WHOLE or v == 0.0:
+            continue
+        end = "upper" if v > 0.0 else "lower"
         text = f"{names[j]} is {'at' if share == 0.0 else 'near'} its {end} end"
         reasons.append(Reason(ReasonCode.JOINT_END, text, joint=names[j], scale=share))
     return reasons

@@ -68,7 +68,7 @@ class Stop:
     Attributes:
         reach_m: how far clearances had to be known. clearances: those given.
         slack: (m, P) least slack of each pair on the way to each posture [m], infinite where it cannot matter.
-        rows: every corner with less slack than `|row| . reach` for some reach.
+        rows: every corner with less slack than `|row| . reach` for some reach. free: whether nothing can matter.
     """
 
     def __init__(
@@ -139,6 +139,7 @@ class Stop:
             *(self._arm, self._pairs, packed, self._doubt, self._reach, self._of)
         )
         self.rows = Rows(*rows)
+        self.free = not len(self.slack) or float(self.slack.min()) == np.inf
 
     def shortfall(self, way: Way, floor_m: float) -> float:
         """Return by how much another way, as many postures, falls short of this one's slack or of -floor_m [m]."""
