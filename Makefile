@@ -51,6 +51,9 @@ bench: $(VENV)/.bench
 	$(PY) benchmarks/deadline.py --json
 	$(PY) benchmarks/decode.py --json
 	$(PY) benchmarks/travel.py --json
+	$(PY) benchmarks/approach.py --json
+	$(PY) benchmarks/chatter.py --json
+	$(PY) benchmarks/guard.py --drives 20 --json
 
 # Re-resolve the pinned versions. The lock names versions and hashes, never a host.
 lock: $(VENV)/.python
