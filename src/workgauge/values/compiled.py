@@ -57,6 +57,6 @@ def _changed(path: Path) -> float:
 
 
 if not os.environ.get("NUMBA_CACHE_DIR"):
-    numba.config.CACHE_DIR = str(folder(_PACKAGE))
+    numba.config.CACHE_DIR = str(folder(_PACKAGE))  # type: ignore[attr-defined]
 
 njit = numba.njit
