@@ -37,8 +37,8 @@ STOP_M = 0.2
 LONGEST_S, STILL_S = 40.0, 1.5
 #: A violated clearance may fall by so much from tick to tick, and in all: rounding, valves in whole steps [m].
 PER_TICK_M, IN_ALL_M = 1e-4, 2e-3
-#: What is kept besides the stop distance by the guard: nearer than that to it, a limit is in the way [m].
-IN_THE_WAY_M = 0.006
+#: The guard keeps 8 mm besides the stop distance, and comes ever more slowly to it: nearer, it is in the way [m].
+IN_THE_WAY_M = 0.009
 #: A way that gains less than this, all violated clearances together, is none [m/s].
 LEAST_GAIN_M_S = 2e-3
 #: A way that leads no farther than this is none: where two corners are about as deep, a turn helps one so far [m].

@@ -6,27 +6,41 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from workgauge.guard.api import GuardInput, GuardResult, Memory, full_stop, unusable
-from workgauge.guard.exit import Exit, Pinned, WayOut, room, way_out
+from workgauge.guard.inside import WORSE_M, Inside, joined
 from workgauge.guard.joints import one_group, within_speed
 from workgauge.guard.plan import MINUS, PLUS, WISH, Flight, Plan, flown
-from workgauge.guard.programme import share
-from workgauge.guard.ranges import lever_ranges
+from workgauge.guard.programme import Solved, share
+from workgauge.guard.ranges import lever_ranges, verified_ranges
+from workgauge.guard.seek import Seeker, Sought
 from workgauge.guard.why import cushioned_by, held_back, how_out
 from workgauge.machine.model import MachineModel
 from workgauge.machine.rollout import Rollout
 from workgauge.machine.stopping import StoppingModel
 from workgauge.proximity.stops import Rows, Stop
 from workgauge.proximity.surroundings import Surroundings
+from workgauge.proximity.sweep import INSIDE_M
 from workgauge.values.arrays import Floats, freeze
 from workgauge.values.errors import InputError
+from workgauge.values.ranges import LeverRanges
 from workgauge.values.reasons import Reason
 
 #: A verified stop may fall short by this much, as a straight step along a curved bound does [m].
 SHORT_M = 2e-6
-#: For a way out, a joint is at its end where that leaves less than this share of its speed.
-AT_END = 0.01
-#: What is asked anew when a command does not verify: so much of it, then so much of that, then nothing.
-TRIALS = (0.5, 0.5)
+#: What is asked anew when a command does not verify: so much of it, and then nothing.
+TRIALS = (0.5, 0.25)
+#: On the way out, where speed does not matter and ways are bent.
+EXIT_TRIALS = (0.5, 0.25, 0.1, 0.03)
+#: So often what refuses a command inside a limit is taken into account.
+CUTS = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chosen:
+    """What of a wish is commanded: the shares solved for, over which rows, and how much of them is verified."""
+
+    rows: Rows
+    solved: Solved
+    kept: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,43 +125,118 @@ class BarrierGuard:
             wrong = f"posture is {given.age_s:.2f} s old, too old to know where the joints are"
             return full_stop(len(given.joint_names), wrong), {"group": -1, **flight.plain()}
         motion = rollout, flight, since
-        found: Exit | None = None
+        sought: Sought | None = None
         if given.exit_share is not None:
-            velocity, found = self._driven_out(around, given, motion)
+            sought = self._driven_out(around, given, motion)
+            velocity = np.zeros(motion[0].n) if sought is None else sought.velocity
             given = replace(given, desired=velocity, keep_direction=True)
         wish, group, reasons = _wish(given, memory)
         plan, stop = self._rolled(around, given, motion, wish)
-        rows, changes, alpha = stop.rows, plan.changes(stop.rows), min(given.dt_s / self.ease_s, 1.0)
-        room_left = np.concatenate([np.where(rows.room > 0.0, rows.room, np.inf), rows.room / alpha])
-        flow_rows, flow_most = _flow(around.machine, wish)
-        solved = share(
-            *(changes[WISH], room_left, alpha),
-            keep_direction=given.keep_direction,
-            flow_rows=flow_rows,
-            flow_most=flow_most,
-            ends=plan.ends[WISH],
-        )
-        kept_share = self._verified(plan, stop, solved.s * wish)
-        allowed = wish * solved.s * kept_share
+        inside = self._inside(around, given, plan, stop)
+        chosen = self._chosen(around, given, plan, stop, inside, wish)
+        shares = chosen.solved.s * chosen.kept
+        allowed = wish * shares
         freeze(allowed)
-        scale = _scale(np.where(wish == 0.0, 1.0, solved.s * kept_share), wish)
+        scale = _scale(np.where(wish == 0.0, 1.0, shares), wish)
         reasons += cushioned_by(plan.ends[WISH], wish, given.joint_names)
-        reasons += held_back(stop.clearances, rows, solved, kept_share, self.stop_distance_m, scale)
-        if found is None and wish.any() and not allowed.any() and (rows.slack < 0.0).any():
-            found = self._sought(around, given, rows)
-        if found is not None:
-            reasons += how_out(found, stop.clearances, rows, given.joint_names)
-        ranges = None
-        if given.tool_rates is not None:
-            ranges = lever_ranges(
-                *(changes[PLUS], changes[MINUS], room_left, alpha),
-                *(given.speed_positive, given.speed_negative, given.tool_rates),
+        reasons += held_back(
+            *(stop.clearances, chosen.rows, chosen.solved, chosen.kept, self.stop_distance_m, scale),
+        )
+        if sought is None and inside is not None and wish.any() and not allowed.any():
+            sought = self._seeker(given, plan, stop, inside).seek(1.0)
+        if sought is not None:
+            reasons += how_out(sought.exit, sought.clearances, sought.rows, given.joint_names)
+        ranges = self._ranges(given, plan, stop, inside) if given.tool_rates is not None else None
+        found = None if sought is None else sought.exit
+        result = GuardResult(allowed, tuple(reasons), scale, ranges, found)
+        return result, {"group": group, **flight.plain()}
+
+    def _chosen(
+        self, around: Surroundings, given: GuardInput, plan: Plan, stop: Stop, inside: Inside | None, wish: Floats
+    ) -> Chosen:
+        """Return the shares of a wish that verify.
+
+        Inside a limit, first those that only the others leave: a wish that leads out passes as it is. Then those that
+        bounds of what is violated leave, and then those of its exact rows, of what refuses a command among them.
+        """
+        flow_rows, flow_most = _flow(around.machine, wish)
+        alpha = min(given.dt_s / self.ease_s, 1.0)
+
+        def solved(rows: Rows) -> Solved:
+            return share(
+                *(plan.changes(rows)[WISH], _room(rows, alpha), alpha),
+                keep_direction=given.keep_direction,
+                flow_rows=flow_rows,
+                flow_most=flow_most,
+                ends=plan.ends[WISH],
+            )
+
+        if inside is None:
+            first = solved(stop.rows)
+            return Chosen(stop.rows, first, self._verified(plan, stop, None, first.s * wish, TRIALS))
+        others = inside.outside(stop.rows)
+        first = solved(others)
+        trials = EXIT_TRIALS if given.exit_share is not None else ()
+        found = Chosen(others, first, self._verified(plan, stop, inside, first.s * wish, trials))
+        if found.kept or given.exit_share is not None:
+            return found
+        bound = solved(stop.rows)
+        found = Chosen(stop.rows, bound, self._verified(plan, stop, inside, bound.s * wish, TRIALS))
+        if (found.kept * bound.s * wish).any():
+            return found
+        rows = joined([inside.rows(), others, inside.cuts(first.s * wish)])
+        for _ in range(CUTS):
+            exact = solved(rows)
+            command = exact.s * wish
+            if not command.any():
+                break
+            kept = self._verified(plan, stop, inside, command, TRIALS)
+            if kept:
+                return Chosen(rows, exact, kept)
+            rows = joined([rows, inside.cuts(0.25 * command)])
+        return found
+
+    def _ranges(self, given: GuardInput, plan: Plan, stop: Stop, inside: Inside | None) -> LeverRanges:
+        """Return what each lever alone may still do; inside a limit, each end is verified, or none is left."""
+        alpha = min(given.dt_s / self.ease_s, 1.0)
+
+        def ranges(rows: Rows) -> LeverRanges:
+            changes = plan.changes(rows)
+            return lever_ranges(
+                *(changes[PLUS], changes[MINUS], _room(rows, alpha), alpha),
+                *(given.speed_positive, given.speed_negative, np.asarray(given.tool_rates)),
                 ends_positive=plan.ends[PLUS],
                 ends_negative=plan.ends[MINUS],
                 clearance_of=np.concatenate([rows.clearances, rows.clearances]),
             )
-        result = GuardResult(allowed, tuple(reasons), scale, ranges, found)
-        return result, {"group": group, **flight.plain()}
+
+        if inside is None:
+            return ranges(stop.rows)
+        return verified_ranges(
+            *(ranges(inside.outside(stop.rows)), ranges(stop.rows), np.asarray(given.tool_rates)),
+            lambda command: self._stands(plan, stop, inside, command),
+        )
+
+    def _inside(self, around: Surroundings, given: GuardInput, plan: Plan, stop: Stop) -> Inside | None:
+        """Return exact measures of what the stop in hand is inside of, None if it is inside of nothing."""
+        if not (stop.rows.slack < -INSIDE_M).any():
+            return None
+        return self._measured(around, given, plan, stop)
+
+    def _measured(self, around: Surroundings, given: GuardInput, plan: Plan, stop: Stop) -> Inside:
+        return Inside(
+            *(around, given.q, plan, stop),
+            stop_distance_m=self.stop_distance_m,
+            margin_m=self.margin_m,
+            floor_m=0.25 * self.margin_m,
+        )
+
+    def _seeker(self, given: GuardInput, plan: Plan, stop: Stop, inside: Inside) -> Seeker:
+        return Seeker(
+            *(given, stop, inside, lambda command: self._stands(plan, stop, inside, command)),
+            settle_s=self.cushion_s,
+            alpha=min(given.dt_s / self.ease_s, 1.0),
+        )
 
     def _rolled(
         self, around: Surroundings, given: GuardInput, motion: tuple[Rollout, Flight, Floats], wish: Floats
@@ -165,33 +254,13 @@ class BarrierGuard:
 
     def _driven_out(
         self, around: Surroundings, given: GuardInput, motion: tuple[Rollout, Flight, Floats]
-    ) -> tuple[Floats, Exit | None]:
-        """Return the velocity (n,) that leads out of what the machine would come to rest inside of, and how."""
-        still = np.zeros(motion[0].n)
-        _, stop = self._rolled(around, given, motion, still)
+    ) -> Sought | None:
+        """Return the command that leads out of what the machine would come to rest inside of, and how."""
+        plan, stop = self._rolled(around, given, motion, np.zeros(motion[0].n))
         if not (stop.rows.slack < 0.0).any():
-            return still, None
-        found = self._sought(around, given, stop.rows)
-        if isinstance(found, Pinned):
-            return still, found
-        return found.velocity * min(max(given.exit_share or 0.0, 0.0), 1.0), found
-
-    def _sought(self, around: Surroundings, given: GuardInput, rows: Rows) -> Exit:
-        """Return the way out by whichever exclusive group has the best, or what pins the machine."""
-        low, high = room(
-            *(given.q, given.q_min, given.q_max, given.speed_positive, given.speed_negative, self.cushion_s)
-        )
-        # nearer and nearer to its end a joint goes ever slower, and all that keep its pace with it
-        low[low > -AT_END * given.speed_negative] = 0.0
-        high[high < AT_END * given.speed_positive] = 0.0
-        groups, n = given.exclusive_groups, len(low)
-        grouped = {j for group in groups for j in group}
-        found: list[Exit] = []
-        for group in groups or (tuple(range(n)),):
-            free = np.array([j in group or j not in grouped for j in range(n)])
-            found.append(way_out(rows.rows, rows.slack, low * free, high * free, room=rows.room))
-        out = [one for one in found if isinstance(one, WayOut)]
-        return max(out, key=lambda one: one.gain) if out else found[0]
+            return None
+        seeker = self._seeker(given, plan, stop, self._measured(around, given, plan, stop))
+        return seeker.seek(min(max(given.exit_share or 0.0, 0.0), 1.0))
 
     def _stop(self, around: Surroundings, given: GuardInput, plan: Plan) -> Stop:
         """Return the stop in hand: everything that has little slack on the way to rest from what is in flight."""
@@ -209,16 +278,28 @@ class BarrierGuard:
             farther = stop.reach_m
             clearances = around.look(around.machine.forward(given.q), farther)
 
-    def _verified(self, plan: Plan, stop: Stop, command: Floats) -> float:
-        """Return what of a command is verified: all, half, a quarter, or none of it."""
-        kept = 1.0
+    def _verified(
+        self, plan: Plan, stop: Stop, inside: Inside | None, command: Floats, trials: tuple[float, ...]
+    ) -> float:
+        """Return what of a command is verified: all, or so much of it as the first of the trials says, or nothing."""
         if stop.free or not command.any():
-            return kept
-        for again in (*TRIALS, 0.0):
-            if stop.shortfall(plan.way_after(command * kept), 0.25 * self.margin_m) <= SHORT_M:
+            return 1.0
+        for kept in (1.0, *trials):
+            if self._stands(plan, stop, inside, command * kept):
                 return kept
-            kept *= again
         return 0.0
+
+    def _stands(self, plan: Plan, stop: Stop, inside: Inside | None, command: Floats) -> bool:
+        """Return whether a command is verified: still stops in time, and nothing that is violated gets worse."""
+        way, judged = plan.way_after(command), None if inside is None else inside.judged
+        if stop.shortfall(way, 0.25 * self.margin_m, judged) > SHORT_M:
+            return False
+        return inside is None or inside.worse(way) <= WORSE_M
+
+
+def _room(rows: Rows, alpha: float) -> Floats:
+    """Return what each row of `Plan.changes` may lose, as the programme counts: a share alpha of what is here."""
+    return np.concatenate([np.where(rows.room > 0.0, rows.room, np.inf), rows.room / alpha])
 
 
 @functools.lru_cache(maxsize=16)

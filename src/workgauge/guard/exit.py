@@ -6,7 +6,7 @@ from typing import TypeAlias
 import numpy as np
 
 from workgauge.guard.projection import project
-from workgauge.values.arrays import Floats, frozen
+from workgauge.values.arrays import Floats, Ints, frozen
 
 #: A motion worsens a clearance if it shrinks it faster than this, beyond what it may [m/s].
 WORSENS_M_S = 1e-9
@@ -43,15 +43,18 @@ class Pinned:
     Proved, not searched: weights of the rows (Farkas) bound by weak duality what any velocity in the box could gain.
     `first` cannot grow unless another one shrinks more than it may, or one of `joints` leaves its range: `second` if
     `alone`, else `second` or one of the `more` with smaller weights. With n joints up to n + 1 rows may be needed, no
-    two of which pin by themselves (Helly): then no pair is claimed to pin, the two heaviest stand for all.
+    two of which pin by themselves (Helly): then no pair is claimed to pin, the two heaviest stand for all. Where rows
+    belong to limits, each of these stands for all rows of its limit, and no two for the same.
 
     Attributes:
         first: the worst violated row, -1 if the numbers cannot be judged.
-        second: the row that opposes it most, -1 if it needs none: no joint changes it, or only joints at their ends.
+        second: the row that opposes it most, -1 if it needs none: no joint changes it, only joints at their ends, or
+            its limit alone pins.
         alone: whether `first` and `second` pin without any other row.
         more: how many further rows take part; 0 if `alone`.
         joints: joints at their ends that take part: moving them further would help.
-        most: no velocity that worsens none improves the violated by more than this, all together [m/s].
+        most: no velocity that worsens none improves the violated by more than this, all together; infinite where
+            rows promised a way out, and every one of them was refused [m/s].
     """
 
     first: int
@@ -95,6 +98,7 @@ def way_out(
     high: Floats,
     *,
     room: Floats | None = None,
+    of: Ints | None = None,
     horizon_s: float = 1.0,
     grip: float = 0.1,
     least_m_s: float = 1e-4,
@@ -113,6 +117,7 @@ def way_out(
         low, high: (n,) joint velocities left, low at most 0, high at least 0; see `room` [rad/s, m/s].
         room: (k,) what each row may lose in all, at least 0; its slack if None [m]. A violated row with room is a
             corner that another one of its solid is deeper than.
+        of: (k,) which limit each row belongs to, so that what pins is said of limits; each to its own if None.
         horizon_s: time over which the others' slack is kept.
         grip: share of the worst's growth, 0 to 1.
         least_m_s: slower ways out are none.
@@ -140,7 +145,8 @@ def way_out(
     if together.value > least_m_s and _keeps(together.point, rates, floors):
         gains = np.where(violated, rates @ together.point, -np.inf)
         return WayOut(frozen(together.point * span), max(float(gains[worst]), 0.0), int(np.argmax(gains)))
-    return replace(_blame(worst, alone, rates, floors, bottom, top, least_m_s), most=together.most)
+    of = np.arange(len(slack)) if of is None else np.asarray(of)
+    return replace(_blame(worst, of, alone, rates, floors, bottom, top, least_m_s), most=together.most)
 
 
 def exit_velocity(
@@ -200,19 +206,21 @@ def _best(wish: Floats, rates: Floats, floors: Floats, bottom: Floats, top: Floa
 
 
 def _blame(
-    worst: int, best: _Best, rates: Floats, floors: Floats, bottom: Floats, top: Floats, least: float
+    worst: int, of: Ints, best: _Best, rates: Floats, floors: Floats, bottom: Floats, top: Floats, least: float
 ) -> Pinned:
     """Return what pins `worst`, from the weights of the rows that keep it from growing."""
     shares = best.weights * np.linalg.norm(rates, axis=1)
-    shares[worst] = 0.0
+    own = of == of[worst]
+    shares[own] = 0.0
     size = float(np.linalg.norm(rates[worst]))
     order = np.flatnonzero(shares > TAKES_PART * max(size, float(shares.max())))
-    order = order[np.argsort(-shares[order])]
-    by_itself = _best(rates[worst], rates[:0], floors[:0], bottom, top)
+    order = order[np.argsort(-shares[order], kind="stable")]
+    order = order[np.sort(np.unique(of[order], return_index=True)[1])]  # the heaviest of each limit
+    by_itself = _best(rates[worst], rates[own], floors[own], bottom, top)
     if by_itself.value <= least or not len(order):
         return Pinned(worst, -1, True, 0, _ends(by_itself, bottom, top), by_itself.most)
     for row in order.tolist():
-        pair = [worst, row]
+        pair = own | (of == of[row])
         by_two = _best(rates[worst], rates[pair], floors[pair], bottom, top)
         if by_two.value <= least:
             return Pinned(worst, row, True, 0, _ends(by_two, bottom, top), by_two.most)

@@ -66,7 +66,8 @@ def flown(rollout: Rollout, sent: Floats | None, elapsed_s: float, memory: Memor
     ticks = min(max(round(passed_s / rollout.dt_s), 1), rollout.memory + round(rollout.rest_ticks))
     late_s = max(min(passed_s - ticks * rollout.dt_s, 0.5 * rollout.dt_s), -0.5 * rollout.dt_s)
     asked = np.zeros(n) if sent is None else np.array(sent, dtype=np.float64)
-    speeds, flying, ways = _fly(*(arrays[name] for name in shapes), asked, ticks, rollout.packed)
+    speeds, flying, ways = arrays["speeds"], arrays["flying"], arrays["ways"]
+    speeds, flying, ways = _fly(speeds, flying, ways, asked, ticks, rollout.packed)
     for array in (speeds, flying, ways):
         freeze(array)
     return Flight(speeds, flying, ways, late_s)
@@ -124,6 +125,12 @@ class Plan:
             *(given.q, given.q_min, given.q_max),
         )
         return Way(postures, widths, self.way.times)
+
+    def acts(self) -> Floats:
+        """Return (P, n) what share of the way of a command, 0 to 1, each joint has made by each posture looked at."""
+        moved = np.abs(self._middle[[PLUS, MINUS]] - self._middle[NONE])[:, self._looked]
+        shares: Floats = np.minimum(moved / self._ways[[PLUS, MINUS], None], 1.0).max(axis=0)
+        return shares
 
     def changes(self, rows: Rows) -> Floats:
         """Return (4, 2 r, n) by how much each joint's part of each command changes each slack [m].

@@ -1,5 +1,6 @@
 """What each lever alone may still do, from the same rows as the programme."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -61,6 +62,35 @@ def lever_ranges(
     for array in arrays:
         freeze(array)
     return LeverRanges(*arrays)
+
+
+def verified_ranges(
+    wide: LeverRanges, narrow: LeverRanges, tool_rates: Floats, stands: Callable[[Floats], bool]
+) -> LeverRanges:
+    """Return, for each end, the first that stands of: that of `wide`, of `narrow`, half and a quarter of it, 0.
+
+    Args:
+        wide, narrow: intervals, those of `narrow` inside the others. tool_rates: as in `lever_ranges`.
+        stands: whether the command of one lever alone (n,) is verified.
+    """
+    n = len(wide.joints_low)
+    units = {"joints": np.eye(n), "tool": np.where(np.isfinite(tool_rates), tool_rates, 0.0)}
+    found: dict[str, Any] = {}
+    for which, directions in units.items():
+        for end in ("low", "high"):
+            far, near = getattr(wide, f"{which}_{end}"), getattr(narrow, f"{which}_{end}")
+            ends, by = np.zeros(len(directions)), np.array(getattr(narrow, f"{which}_{end}_by"))
+            for i, direction in enumerate(directions):
+                for speed in (far[i], near[i], 0.5 * near[i], 0.25 * near[i]):
+                    if speed != 0.0 and stands(speed * direction):
+                        ends[i] = speed
+                        break
+                if ends[i] == far[i]:
+                    by[i] = getattr(wide, f"{which}_{end}_by")[i]
+            found[f"{which}_{end}"], found[f"{which}_{end}_by"] = ends, by
+    for array in found.values():
+        freeze(array)
+    return LeverRanges(**found)
 
 
 def warm_up() -> None:

@@ -1,5 +1,7 @@
 """Why the barrier guard leaves less than was wanted, in words an operator understands."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from workgauge.guard.exit import Exit, WayOut
@@ -82,16 +84,19 @@ def how_out(found: Exit, clearances: Clearances, rows: Rows, names: tuple[str, .
     if found.first < 0:
         return []
     first = clearances[int(rows.clearances[found.first])]
-    by = []
+    other = None
+    text = f"pinned by {first.limit}{' alone' if found.alone else ''}: no joint leads {first.link} out of it"
     if found.second >= 0:
         second = clearances[int(rows.clearances[found.second])]
-        by.append(f"without {second.link} going deeper into or nearer to {second.limit}")
+        other = second.limit if second.limit != first.limit else None
+        text = f"pinned between {first.limit} and {second.limit}: " if other else "pinned: "
+        text += f"no joint leads {first.link} out of {first.limit} "
+        text += f"without {second.link} going deeper into or nearer to {second.limit}"
     if found.more:
-        by.append(f"or one of {found.more} more")
+        text += f" or one of {found.more} more"
     if found.joints:
-        by.append("with " + ", ".join(names[j] for j in found.joints) + " at the end")
-    text = f"pinned: no joint leads {first.link} out of {first.limit} {' '.join(by)}".rstrip()
-    return [_about(ReasonCode.PINNED, text, first)]
+        text += ", with " + ", ".join(names[j] for j in found.joints) + " at the end"
+    return [replace(_about(ReasonCode.PINNED, text, first), other_limit=other)]
 
 
 def _about(code: ReasonCode, text: str, one: Clearance) -> Reason:

@@ -141,15 +141,19 @@ class Stop:
         self.rows = Rows(*rows)
         self.free = not len(self.slack) or float(self.slack.min()) == np.inf
 
-    def shortfall(self, way: Way, floor_m: float) -> float:
-        """Return by how much another way, as many postures, falls short of this one's slack or of -floor_m [m]."""
+    def shortfall(self, way: Way, floor_m: float, apart_from: NDArray[np.bool_] | None = None) -> float:
+        """Return by how much another way, as many postures, falls short of this one's slack or of -floor_m [m].
+
+        apart_from: (k,) clearances of the present that do not count; None if all do.
+        """
         if not len(self.slack):
             return -np.inf
+        slack = self.slack if apart_from is None else np.where(apart_from[self._of][:, None], np.inf, self.slack)
         T = self._around.T_site_machine
         arm = _placed(T, way.postures, way.widths, self._around.scene.arm.packed)
         found: float = shortfall(
             *(arm, self._pairs, self._hulls, self._doubt, self._reach),
-            *(self.slack, self._ways, self._depths, -floor_m),
+            *(slack, self._ways, self._depths, -floor_m),
         )
         return found
 

@@ -74,6 +74,7 @@ class Reason:
         code: the cause.
         text: one line for the operator.
         link, limit: what is near what, if that is the cause.
+        other_limit: of two limits that pin the machine, the other one.
         joint: the joint it concerns, if one.
         clearance_m: signed clearance, as the program believes [m].
         protection_m: how much of it is not sure, its protection level [m].
@@ -90,3 +91,4 @@ class Reason:
     scale: float | None = None
     protection_m: float | None = None
     stop_distance_m: float | None = None
+    other_limit: str | None = None
