@@ -23,7 +23,7 @@ MACHINE = load_machine("rre20")
 N = MACHINE.n
 FULL = np.stack([MACHINE.speed_positive, MACHINE.speed_negative])
 FARTHEST = arm_of(MACHINE).farthest
-SPACING, BEND, CUSHION = 0.15, 0.00125, 0.07
+SPACING, BEND, CUSHION, ALPHA = 0.15, 0.00125, 0.07, 0.13
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -64,14 +64,13 @@ def planned(rng, tolerance=0.3, ticks=None):
     for _ in range(int(rng.integers(0, 40)) if ticks is None else ticks):
         if rng.random() < 0.2:
             sent = wished(rng)
-        speeds, flying, late_s = flown(rollout, sent, DT, memory)
-        memory = {"speeds": speeds, "flying": flying, "late_s": late_s}
-    speeds, flying, _ = flown(rollout, sent, DT, memory)
+        memory = flown(rollout, sent, DT, memory).plain()
+    flight = flown(rollout, sent, DT, memory)
     q = MACHINE.sample_min + rng.random(N) * (MACHINE.sample_max - MACHINE.sample_min)
     wish = wished(rng)
-    facts = {"spacing_m": SPACING, "bend_m": BEND, "farthest": FARTHEST, "cushion": CUSHION}
-    plan = Plan(rollout, asked(q, rng.normal(size=(3, N))), speeds, flying, wish, **facts)
-    return plan, wish, q, rollout, speeds, flying
+    facts = {"spacing_m": SPACING, "bend_m": BEND, "farthest": FARTHEST, "cushion": CUSHION, "alpha": ALPHA}
+    plan = Plan(rollout, asked(q, rng.normal(size=(3, N))), flight, np.zeros((2, N)), wish, **facts)
+    return plan, wish, q, rollout, flight.speeds, flight.flying
 
 
 @settings(max_examples=60, deadline=None)
@@ -125,14 +124,17 @@ def test_changes_are_what_the_commands_do_to_the_least_along_a_row(seed):
         inside=rng.random(count) < 0.3,
     )
     changes = plan.changes(rows)
-    assert changes.shape == (4, count, N) and not changes[NONE].any()
+    assert changes.shape == (4, 2 * count, N) and not changes[NONE].any()
     for which, command in ((WISH, wish), (PLUS, FULL[0]), (MINUS, -FULL[1])):
         after = plan.way_after(command)
         for r in range(count):
             p, g = int(rows.postures[r]), rows.rows[r]
             middle, width = after.postures[p] - plan.way.postures[p], after.widths[p] - plan.way.widths[p]
             lost = np.abs(g) * width * (not rows.inside[r])  # inside, the middle posture's way out counts
-            assert changes[which, r] == pytest.approx(g * middle - lost, abs=1e-12)
+            whole, size = g * middle - lost, np.abs(middle) + np.abs(width)
+            share = np.minimum(np.abs(command) * DT / np.where(size > 0.0, size, 1.0), 1.0)
+            assert changes[which, count + r] == pytest.approx(whole, abs=1e-12)
+            assert changes[which, r] == pytest.approx(np.where(size > 0.0, share, 1.0) * whole, abs=1e-12)
 
 
 @settings(max_examples=60, deadline=None)
@@ -157,8 +159,31 @@ def test_memory_of_another_model_or_none_is_a_machine_at_rest(seed):
     rollout, sent = rolled(rng, 0.3), wished(rng)
     fresh = flown(rollout, sent, DT, {})
     for memory in ({"speeds": np.ones((5, 2)), "flying": np.ones((3, 2))}, {"speeds": np.ones((2, N))[:1]}):
-        for one, other in zip(fresh, flown(rollout, sent, DT, memory), strict=True):
-            assert np.array_equal(one, other)
-    assert np.array_equal(fresh[1][-1], sent) and not fresh[1][:-1].any()
+        other = flown(rollout, sent, DT, memory)
+        for name in ("speeds", "flying", "ways"):
+            assert np.array_equal(getattr(fresh, name), getattr(other, name))
+    assert np.array_equal(fresh.flying[-1], sent) and not fresh.flying[:-1].any()
     still = flown(rollout, None, DT, {})
-    assert not still[0].any() and not still[1].any()
+    assert not still.speeds.any() and not still.flying.any() and not still.ways.any()
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=seeds, age=st.floats(0.0, 0.25))
+def test_where_a_joint_went_since_it_was_measured_is_bounded(seed, age):
+    """Rolled out from then, the way to now lies within what is known of the last ticks; longer ago nobody knows."""
+    rng = np.random.default_rng(seed)
+    rollout, memory, sent = rolled(rng, 0.3), {}, np.zeros(N)
+    ways = []
+    for _ in range(30):
+        if rng.random() < 0.2:
+            sent = wished(rng)
+        flight = flown(rollout, sent, DT, memory)
+        memory = flight.plain()
+        ways.append(flight.ways[-1])
+    since = flight.since(age / DT)
+    whole = int(np.ceil(age / DT - 1e-6))
+    for count in {max(whole - 1, 0), max(whole, 0)}:
+        made = np.sum(ways[len(ways) - count :], axis=0) if count else np.zeros((2, N))
+        assert (since[0] <= made[0] + 1e-12).all() and (since[1] >= made[1] - 1e-12).all()
+    assert (np.array(ways)[:, 0] <= np.array(ways)[:, 1]).all()
+    assert flight.since(0.5 / DT) is None

@@ -17,8 +17,12 @@ def test_the_example_runs(
     (tmp_path / "tracks.xml").symlink_to(site / "tracks.xml")
     (tmp_path / "poles.xml").symlink_to(site / "catenary.xml")
     monkeypatch.chdir(tmp_path)
-    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
-    exec(compile(code, str(PAGE), "exec"), {})
+    first, ranges = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
+    exec(compile(first, str(PAGE), "exec"), {})
     rows = capsys.readouterr().out.splitlines()
     assert len(rows) >= 100
     assert "overhead_line" in rows[0] or "point:" in rows[0] or "track" in rows[0]
+    barrier = first.replace('"linear"', '"barrier"').replace("    guard_parameters=", "    # ")
+    exec(compile(barrier.replace("range(100)", "range(3)") + ranges, str(PAGE), "exec"), {})
+    said = capsys.readouterr().out
+    assert re.search(r"swing: -\d\.\d\d to \+\d\.\d\d rad/s", said) and "tool forward:" in said

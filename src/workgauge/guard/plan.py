@@ -39,9 +39,9 @@ class Flight:
 
     def since(self, ticks: float) -> Floats | None:
         """Return bounds (2, n) of the way made in the last `ticks` ticks, None if that is longer than is known."""
-        if ticks <= 0.0:
-            return np.zeros(self.speeds.shape)
         whole = math.ceil(ticks - 1e-6)
+        if whole <= 0:
+            return np.zeros(self.speeds.shape)
         if whole > len(self.ways):
             return None
         longer = self.ways[len(self.ways) - whole :].sum(axis=0)
