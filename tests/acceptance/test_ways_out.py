@@ -45,7 +45,7 @@ LEAST_GAIN_M_S = 2e-3
 FAR_ENOUGH_M = 5e-3
 MACHINES = ("rre20", "brokk5", "sun-a")
 #: Share of starts at whose end the machine stands still though the search finds a way, or without being said pinned.
-UNRESOLVED_SHARE = 0.25
+UNRESOLVED_SHARE = 0.1
 #: A joint nearer than this to its end is at it [rad, m].
 AT_END = 5e-3
 LATE = Dynamics(dead_time_s=0.3, lag_s=0.2, stop_s=0.6)

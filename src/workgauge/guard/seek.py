@@ -18,8 +18,10 @@ AT_END = 0.01
 SHARES = (1.0, 0.5, 0.2, 0.06, 0.02)
 #: A way out gains at least so much [m/s]; a step along it, this share of what its direction promises.
 LEAST_M_S, KEPT = 1e-3, 0.25
+#: Joint speeds that differ less are the same [rad/s, m/s].
+SAME = 1e-4
 #: So often what refused a way out is taken into account and another sought.
-ROUNDS = 10
+ROUNDS = 8
 #: Where bounds refuse a way out, what has less room than this may lose none of it [m].
 TIGHT_M = 0.005
 
@@ -91,12 +93,15 @@ class Seeker:
         return replace(found, exit=Pinned(first, second, False, max(len(np.unique(of[others])) - 1, 0), (), np.inf))
 
     def _followed(self, rows: Rows, speed_share: float) -> Sought:
-        still = np.zeros(len(self._low))
+        still, last = np.zeros(len(self._low)), np.full(len(self._low), np.nan)
         for _ in range(ROUNDS):
             acting = self._inside.acting(rows)
             found = self._best(acting)
             if isinstance(found, Pinned) or found.row < 0:
                 return Sought(still, found, acting, self._stop.clearances)
+            if np.abs(found.velocity - last).max() < SAME:  # what refused it said nothing new
+                break
+            last = found.velocity
             tight = self._slowest(found.velocity, rows)
             if tight > 0.0:
                 for share in SHARES:
