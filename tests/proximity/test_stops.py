@@ -217,7 +217,9 @@ def test_at_rest_the_slack_is_what_the_scene_says(make, seed, name, far, own):
     close = np.where(hollow, 2e-4, 1e-6) + 1e-8 * far * np.abs(case.T[:3, 3]).max()
     assert (slack[given_ & (outside | ~hollow)] <= (there + close)[given_ & (outside | ~hollow)]).all()
     assert (slack[given_] < (there + 0.2)[given_]).all()  # inside a bent tube the union is deeper than each piece
-    assert (np.abs(slack - there) <= close)[given_ & outside].all()
+    # nearer to a bent chain than may be, each cell counts drawn out at the faces it shares: a little less
+    same = given_ & outside & ((there >= 0.0) | ~hollow)
+    assert (np.abs(slack - there) <= close)[same].all()
     # what is left out is what no joint moves nearer
     left = np.isinf(slack_of(found, stop, some=True))
     assert (np.abs(case.machine.distance_rows(case.machine.forward(case.q), case.T, found)[left]) < 1e-6).all()
