@@ -9,7 +9,7 @@ JOBS ?= 2
 
 help:
 	@echo "make run    set up, then drive the shipped scenario and write a report to out/"
-	@echo "make test   set up, then lint, types, import contracts and tests"
+	@echo "make test   set up, then lint, types, import contracts and tests (the same examples every time)"
 	@echo "make prove  set up, then the long proofs, one table"
 	@echo "make bench  set up with the peers (Pink, mink, MuJoCo), then the benchmarks as JSON"
 
@@ -40,7 +40,7 @@ test: $(VENV)/.test
 	$(VENV)/bin/ruff format --check src tests benchmarks examples
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
-	$(PY) -m pytest -n $(JOBS) -m "not prove"
+	CI=$${CI:-true} $(PY) -m pytest -n $(JOBS) -m "not prove"
 
 prove: $(VENV)/.test
 	$(PY) benchmarks/prove.py

@@ -376,7 +376,7 @@ def check(count: int) -> None:
 
 
 def test_out_of_one_or_two_limits_without_any_of_them_worsening() -> None:
-    check(40)
+    check(15)
 
 
 @pytest.mark.prove
