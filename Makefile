@@ -59,12 +59,13 @@ bench: $(VENV)/.bench
 lock: $(VENV)/.python
 	$(PY) -m pip install --quiet --disable-pip-version-check uv
 	$(VENV)/bin/uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
-	    --python-version 3.11 pyproject.toml scripts/build.in -o requirements.lock
+	    --python-version 3.11 --extra plan pyproject.toml scripts/build.in -o requirements.lock
 	$(VENV)/bin/uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
-	    --python-version 3.11 --extra test -c requirements.lock pyproject.toml scripts/build.in -o requirements-test.lock
+	    --python-version 3.11 --extra plan --extra test -c requirements.lock \
+	    pyproject.toml scripts/build.in -o requirements-test.lock
 	$(VENV)/bin/uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
-	    --python-version 3.11 --extra test --extra bench --extra docs -c requirements-test.lock pyproject.toml scripts/build.in \
-	    -o requirements-bench.lock
+	    --python-version 3.11 --extra plan --extra test --extra bench --extra docs -c requirements-test.lock \
+	    pyproject.toml scripts/build.in -o requirements-bench.lock
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
