@@ -4,7 +4,8 @@
 
 The scenes are the shipped scenarios `slide-along-envelope` and `between-limits`, after Mäkinen's figure 4.10 a and b.
 Guards: `linear`; `potential`, the artificial potential field with one closest point per link; `potential-each-limit`,
-with one per link and limit; `nearest-pair`, the barrier of the single nearest pair without prediction; `barrier`.
+with one per link and limit, both as printed; `potential-each-limit-held`, the program's own, whose approach ends at
+the stop distance; `nearest-pair`, the barrier of the single nearest pair without prediction; `barrier`.
 
 Prints `{"rows": [{"scene", "joints", "guard", "chatter", "by_joint", "share_of_potential", "share_of_nearest_pair",
 "motion_rad", "min_clearance_m", "entries"}…]}`. `chatter` is that of `workgauge run --json` [rad/s^2]; `motion_rad`
@@ -25,6 +26,7 @@ from baselines import NearestPairBarrier
 from baselines_potential import PotentialField
 
 from workgauge.guard.api import Guard
+from workgauge.guard.potential import Points
 from workgauge.guard.registry import GUARDS, guard_named
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
@@ -44,7 +46,8 @@ def guards() -> list[Guard]:
     compared: list[Guard] = [
         guard_named("linear"),
         PotentialField(),
-        PotentialField(per_link=False),
+        PotentialField(points=Points.PER_LIMIT),
+        PotentialField(points=Points.PER_LIMIT, hold=True),
         NearestPairBarrier(),
     ]
     return [*compared, *(guard_named(name) for name in ("barrier",) if name in GUARDS)]

@@ -39,7 +39,7 @@ for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")  # before numpy: one drive, one core
 
 from baselines import BASELINES as PLAIN_BASELINES  # noqa: E402
-from baselines_potential import PotentialField  # noqa: E402
+from baselines_potential import BASELINES as POTENTIAL_BASELINES  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: E402
 from rich.table import Table  # noqa: E402
@@ -55,7 +55,7 @@ from workgauge.rehearse.shipped import shipped_site_files  # noqa: E402
 from workgauge.site.read import read_site  # noqa: E402
 
 #: Baselines by name; each can be told the stop distance.
-BASELINES: dict[str, Callable[..., Guard]] = {**PLAIN_BASELINES, "potential": PotentialField}
+BASELINES: dict[str, Callable[..., Guard]] = {**PLAIN_BASELINES, **POTENTIAL_BASELINES}
 MACHINE, SITE, RULES = "rre20", "double_track", "finland"
 DEAD_TIMES_S = (0.0, 0.1, 0.3, 0.6, 1.3)
 LAG_S, STOP_S, RATIO, TOLERANCE = 0.2, 0.6, 3.0, 0.3
@@ -251,7 +251,7 @@ def shown(table_rows: list[dict[str, Any]]) -> Table:
 
 def main() -> None:
     """Drive and print."""
-    known = (*GUARDS, *BASELINES)
+    known = tuple(dict.fromkeys((*GUARDS, *BASELINES)))
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--drives", type=int, default=1000, help="per dynamics and dead time")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")

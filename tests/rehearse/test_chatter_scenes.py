@@ -1,20 +1,21 @@
-"""The scenes that provoke chatter are what they say, and the potential field they are meant for is the document's."""
+"""The scenes that provoke chatter are what they say, and the potential fields beside them the document's and ours."""
 
 import importlib
 import sys
+from dataclasses import fields
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from workgauge.guard.api import GuardInput
+from workgauge.guard.potential import Points, PotentialGuard
 from workgauge.proximity.scene import Scene
 from workgauge.rehearse.run import open_session
 from workgauge.rehearse.scenario_file import load_scenario
 from workgauge.rehearse.session import Session
 from workgauge.rehearse.shipped import shipped_names
-from workgauge.values.arrays import Floats, frozen, frozen_ints
+from workgauge.values.arrays import Floats
 from workgauge.values.clearances import Clearances
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
@@ -76,86 +77,15 @@ def test_the_slide_s_closest_point_jumps_while_the_distance_does_not() -> None:
     assert max(changes) < 0.002
 
 
-def given(desired: Floats, distances: list[float], rows: Floats, **more: Floats) -> GuardInput:
-    """A guard's input of three joints; all clearances are of link 0 unless `links` says otherwise."""
-    k = len(distances)
-    clearances = Clearances(
-        distances=np.array(distances),
-        normals=np.zeros((k, 3)),
-        points_machine=np.zeros((k, 3)),
-        points_limit=np.zeros((k, 3)),
-        links=frozen_ints(more.pop("links", np.zeros(k))),
-        other_links=frozen_ints([-1] * k),
-        limits=frozen_ints(np.arange(k)),
-        cells=frozen_ints([-1] * k),
-        solids=frozen_ints(np.zeros(k)),
-        protections=more.pop("protections", np.zeros(k)),
-        stop_distances=more.pop("stop_distances", np.full(k, np.nan)),
-        link_names=("boom", "stick"),
-        limit_ids=tuple(f"limit-{i}" for i in range(k)),
-        searched_m=9.0,
-    )
-    return GuardInput(
-        desired=frozen(desired),
-        q=frozen(np.zeros(3)),
-        q_min=frozen(np.full(3, -3.0)),
-        q_max=frozen(np.full(3, 3.0)),
-        speed_positive=frozen(np.full(3, 5.0)),
-        speed_negative=frozen(np.full(3, 5.0)),
-        clearances=clearances,
-        rows=rows,
-        dt_s=0.01,
-        joint_names=("a", "b", "c"),
-        exclusive_groups=(),
-    )
-
-
-WISH = np.array([0.1, 0.0, 0.0])
-
-
-def test_the_field_is_the_equation_s(potential) -> None:  # type: ignore[no-untyped-def]
-    field = potential.PotentialField(mu=0.02, cap_m_s=50.0)
-    for p in (0.1, 0.2, 0.5, 0.79):
-        assert field.speed(np.array([p]))[0] == pytest.approx(0.02 * (1 / p - 1 / 0.8) / p**2)
-    assert field.speed(np.array([0.8, 0.81, 5.0])).tolist() == [0.0, 0.0, 0.0]
-    assert potential.PotentialField().speed(np.array([0.01, 0.0, -1.0])).tolist() == [1.0, 1.0, 1.0]
-
-
-def test_it_pushes_the_point_out_at_that_speed(potential) -> None:  # type: ignore[no-untyped-def]
-    field = potential.PotentialField(damping=0.0)
-    rows = np.array([[4.0, 2.0, 0.5]])
-    result, _ = field.allow(given(WISH, [0.3], rows), field.start())
-    added = result.allowed - WISH
-    assert float(rows[0] @ added) == pytest.approx(float(field.speed(np.array([0.3]))[0]))
-    assert np.linalg.matrix_rank(np.stack([added, rows[0]]), tol=1e-9) == 1
-
-
-def test_it_takes_off_what_is_unsure_and_what_a_limit_s_own_stop_distance_says(potential) -> None:  # type: ignore[no-untyped-def]
-    field = potential.PotentialField()
-    rows = np.array([[4.0, 2.0, 0.5]])
-    plain, _ = field.allow(given(WISH, [0.3], rows), field.start())
-    unsure, _ = field.allow(given(WISH, [0.4], rows, protections=np.array([0.1])), field.start())
-    own, _ = field.allow(given(WISH, [0.15], rows, stop_distances=np.array([0.05])), field.start())
-    assert np.allclose(plain.allowed, unsure.allowed)
-    assert np.allclose(plain.allowed, own.allowed)
-
-
-def test_one_closest_point_per_link_forgets_the_other_limit(potential) -> None:  # type: ignore[no-untyped-def]
-    rows = np.array([[4.0, 0.0, 0.0], [0.0, 4.0, 0.0]])
-    per_link, each = potential.PotentialField(), potential.PotentialField(per_link=False)
-    near = given(WISH, [0.30, 0.31], rows)
-    assert per_link.allow(near, {})[0].allowed[1] == 0.0
-    assert each.allow(near, {})[0].allowed[1] > 0.0
-    on_two_links = given(WISH, [0.30, 0.31], rows, links=np.array([0, 1]))
-    assert per_link.allow(on_two_links, {})[0].allowed[1] > 0.0
-
-
-def test_it_leaves_a_machine_alone_that_nobody_moves_and_one_that_is_far(potential) -> None:  # type: ignore[no-untyped-def]
-    field = potential.PotentialField()
-    rows = np.array([[4.0, 2.0, 0.5]])
-    assert not field.allow(given(np.zeros(3), [0.3], rows), {})[0].allowed.any()
-    assert field.allow(given(WISH, [0.9], rows), {})[0].allowed.tolist() == WISH.tolist()
-    assert not field.allow(given(np.full(3, np.nan), [0.9], rows), {})[0].allowed.any()
+def test_the_potential_fields_compared_are_the_printed_ones_and_the_program_s_own(potential) -> None:  # type: ignore[no-untyped-def]
+    made = {name: make(stop_distance_m=0.2) for name, make in potential.BASELINES.items()}
+    assert {name: guard.name for name, guard in made.items()} == {name: name for name in made}
+    assert [(guard.points, guard.hold) for guard in made.values()] == [
+        *((Points.PER_LINK, False), (Points.PER_LIMIT, False), (Points.PER_LIMIT, True))
+    ]
+    own = PotentialGuard()
+    last = made["potential-each-limit-held"]
+    assert all(getattr(last, field.name) == getattr(own, field.name) for field in fields(own))
 
 
 def test_the_benchmark_s_rows(beside) -> None:  # type: ignore[no-untyped-def]

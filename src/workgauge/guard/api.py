@@ -45,6 +45,9 @@ class GuardInput:
             asked for.
         exit_share: the operator wants to be driven out of limits so fast, 0 to 1; `desired` does not count then. None
             for no.
+        task: (m, n), m from 3 to 6, Jacobian of the tool's task that `desired` was made for: the tool's velocity in
+            the first three rows, below it what of its turning counts. None for joints that were wished one by one,
+            and with `keep_direction` for the tool's whole pose.
     """
 
     desired: Floats
@@ -65,6 +68,7 @@ class GuardInput:
     around: Surroundings | None = None
     tool_rates: Floats | None = None
     exit_share: float | None = None
+    task: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

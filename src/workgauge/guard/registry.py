@@ -5,12 +5,14 @@ from collections.abc import Callable
 from workgauge.guard.api import Guard
 from workgauge.guard.barrier import BarrierGuard
 from workgauge.guard.linear import LinearGuard
+from workgauge.guard.potential import PotentialGuard
 from workgauge.values.errors import InputError
 
 #: Name to a guard with its own defaults.
 GUARDS: dict[str, Callable[[], Guard]] = {
     "barrier": BarrierGuard,
     "linear": LinearGuard,
+    "potential": PotentialGuard,
 }
 
 

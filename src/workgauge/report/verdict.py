@@ -4,13 +4,16 @@ from workgauge.rehearse.result import Intervention, RunResult
 from workgauge.values.reasons import ReasonCode
 
 #: Causes that are about a place, not about levers and messages.
-PLACE_CAUSES = frozenset({ReasonCode.LIMIT_NEAR, ReasonCode.LIMIT_REACHED, ReasonCode.INSIDE_LIMIT})
+PLACE_CAUSES = frozenset(
+    {ReasonCode.LIMIT_NEAR, ReasonCode.PUSHED_AWAY, ReasonCode.LIMIT_REACHED, ReasonCode.INSIDE_LIMIT}
+)
 
 #: What is left of the wanted speed [1] below which the machine counts as stopped and not merely slowed.
 STOPPED_SCALE = 0.05
 
 CAUSE_WORDS = {
     ReasonCode.LIMIT_NEAR: "slowed before",
+    ReasonCode.PUSHED_AWAY: "pushed away from",
     ReasonCode.LIMIT_REACHED: "stopped at",
     ReasonCode.INSIDE_LIMIT: "inside",
     ReasonCode.JOINT_END: "end of a joint's travel",

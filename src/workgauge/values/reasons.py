@@ -9,6 +9,7 @@ class ReasonCode(StrEnum):
 
     LIMIT_NEAR = "limit_near"  #: approaching a limit or another link, slowed
     LIMIT_REACHED = "limit_reached"  #: at the stop distance, approach refused
+    PUSHED_AWAY = "pushed_away"  #: near a limit or another link, driven away from it
     INSIDE_LIMIT = "inside_limit"  #: already inside, only the way out is free
     JOINT_END = "joint_end"  #: end cushion of a joint
     JOINT_SPEED = "joint_speed"  #: faster than the joint may turn
