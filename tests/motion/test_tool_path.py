@@ -175,5 +175,5 @@ def test_other_bad_input_is_refused() -> None:
     with pytest.raises(InputError, match="orientations"):
         ToolPath.polyline(LINE, orientation=Orientation.FULL)
     for wrong in (1.1, -0.1, math.nan):
-        with pytest.raises(InputError, match="0 to 1.000 m"):
+        with pytest.raises(InputError, match=r"0 to 1\.000 m"):
             ToolPath.polyline(LINE).at([0.5, wrong])

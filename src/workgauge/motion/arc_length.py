@@ -72,6 +72,15 @@ class PiecewiseCurve:
         controls = self.controls[piece]
         return np.einsum("nj,njk->nk", bernstein(t, DEGREE), controls), _velocities(controls, t)
 
+    def curvature(self, piece: Ints, t: Floats) -> Floats:
+        """Return the curvature (N,) [1/m] at places t (N,) of pieces (N,): `|p' x p''| / |p'|^3`."""
+        controls = self.controls[piece]
+        second = np.diff(controls, n=2, axis=1)
+        bend = DEGREE * (DEGREE - 1) * np.einsum("nj,njk->nk", bernstein(t, DEGREE - 2), second)
+        velocity = _velocities(controls, t)
+        across = np.linalg.norm(np.cross(velocity, bend), axis=-1)
+        return np.asarray(across / np.linalg.norm(velocity, axis=-1) ** 3, dtype=np.float64)
+
     def slowest(self, samples: int = 65) -> Floats:
         """Return the smallest speed per t (m,) [m] of each piece: near zero where it turns back on itself."""
         m, t = len(self.controls), np.linspace(0.0, 1.0, samples)

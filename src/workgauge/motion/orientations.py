@@ -10,11 +10,15 @@ from workgauge.values.arrays import Floats, Ints, frozen
 
 #: Degree of the curves of a path's pieces.
 DEGREE = 5
-_BINOMIALS = {4: np.array([1.0, 4.0, 6.0, 4.0, 1.0]), 5: np.array([1.0, 5.0, 10.0, 10.0, 5.0, 1.0])}
+_BINOMIALS = {
+    3: np.array([1.0, 3.0, 3.0, 1.0]),
+    4: np.array([1.0, 4.0, 6.0, 4.0, 1.0]),
+    5: np.array([1.0, 5.0, 10.0, 10.0, 5.0, 1.0]),
+}
 
 
 def bernstein(t: Floats, degree: int) -> Floats:
-    """Return the Bernstein polynomials (..., degree + 1) at t (...) in [0, 1], degree 4 or 5."""
+    """Return the Bernstein polynomials (..., degree + 1) at t (...) in [0, 1], degree 3 to 5."""
     powers = np.arange(degree + 1)
     at = t[..., None]
     basis: Floats = _BINOMIALS[degree] * at**powers * (1.0 - at) ** powers[::-1]

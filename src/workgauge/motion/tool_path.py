@@ -152,12 +152,7 @@ class ToolPath:
             InputError: if a distance is beyond the path, or no number.
         """
         wanted = np.asarray(s, dtype=np.float64)
-        flat = wanted.ravel()
-        if not np.all((flat >= -1e-9) & (flat <= self.length_m + 1e-9)):
-            wrong = flat[~((flat >= -1e-9) & (flat <= self.length_m + 1e-9))][0]
-            allowed = f"0 to {self.length_m:.3f} m"
-            raise InputError("not a distance on the path", element="distance", value=wrong, allowed=allowed)
-        flat = np.clip(flat, 0.0, self.length_m)
+        flat = self._held(wanted)
         piece, t = self._curve.locate(flat, arriving)
         position, velocity = self._curve.at(piece, t)
         speed = np.linalg.norm(velocity, axis=-1)
@@ -167,13 +162,20 @@ class ToolPath:
         tangent = np.concatenate([velocity / speed[:, None], omega], axis=1)
         return T.reshape(*wanted.shape, 4, 4), tangent.reshape(*wanted.shape, 6)
 
-    def curvature(self, s: ArrayLike) -> Floats:
-        """Return the curvature (...) [1/m] at distances s (...) [m], by central differences of the direction."""
+    def curvature(self, s: ArrayLike, *, arriving: bool = False) -> Floats:
+        """Return the curvature (...) [1/m] at distances s (...) [m]; at a sharp corner that of the line behind it."""
         wanted = np.asarray(s, dtype=np.float64)
-        reach = min(1e-5, 1e-3 * self.length_m)
-        low = np.clip(wanted - reach, 0.0, self.length_m - 2.0 * reach)
-        before, after = self.at(low)[1], self.at(low + 2.0 * reach)[1]
-        return np.asarray(np.linalg.norm(after[..., :3] - before[..., :3], axis=-1) / (2.0 * reach))
+        places = self._curve.locate(self._held(wanted), arriving)
+        return self._curve.curvature(*places).reshape(wanted.shape)
+
+    def _held(self, s: Floats) -> Floats:
+        """Return distances (N,) on the path, or refuse."""
+        flat = s.ravel()
+        wrong = flat[~((flat >= -1e-9) & (flat <= self.length_m + 1e-9))]
+        if len(wrong):
+            allowed = f"0 to {self.length_m:.3f} m"
+            raise InputError("not a distance on the path", element="distance", value=float(wrong[0]), allowed=allowed)
+        return np.clip(flat, 0.0, self.length_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
