@@ -39,6 +39,11 @@ class _Baseline:
         return "baseline"
 
     @property
+    def steers_itself(self) -> bool:
+        """They only ever hold back."""
+        return False
+
+    @property
     def reach_m(self) -> float:
         """Clearances up to here must be known to it [m]."""
         return self.stop_distance_m
@@ -205,18 +210,5 @@ def _nearest(clearances: Clearances) -> list[Reason]:
     return [Reason(ReasonCode.LIMIT_NEAR, text, link=near.link, limit=near.limit, clearance_m=near.distance_m)]
 
 
-@dataclass(frozen=True, slots=True)
-class Unguarded(_Baseline):
-    """No guard at all: the joints' own limits and nothing else. What every drive would come to without one."""
-
-    @property
-    def name(self) -> str:
-        """Name in the tables."""
-        return "none"
-
-    def _left(self, given: GuardInput, wanted: Floats, slack: Floats) -> Floats:
-        return wanted
-
-
 #: Name to baseline.
-BASELINES = {made().name: made for made in (ExponentialScale, SpeedBands, NearestPairBarrier, Unguarded)}
+BASELINES = {made().name: made for made in (ExponentialScale, SpeedBands, NearestPairBarrier)}

@@ -103,6 +103,11 @@ class Guard(Protocol):
         """Clearances up to here must be known to it, beside what a limit's own stop distance adds [m]."""
         ...
 
+    @property
+    def steers_itself(self) -> bool:
+        """Whether automatic motion is handed to it as it is wanted; else motion bends before limits by itself."""
+        ...
+
     def start(self) -> Memory:
         """Return the memory of a guard that has done nothing yet."""
         ...

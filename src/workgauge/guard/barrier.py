@@ -93,6 +93,11 @@ class BarrierGuard:
         return "barrier"
 
     @property
+    def steers_itself(self) -> bool:
+        """It only ever holds back: automatic motion bends before limits by itself."""
+        return False
+
+    @property
     def reach_m(self) -> float:
         """Clearances up to here must be known to it [m]; it looks farther by itself where a stop is longer."""
         return self.stop_distance_m

@@ -67,6 +67,11 @@ class LinearGuard:
         return "linear"
 
     @property
+    def steers_itself(self) -> bool:
+        """It only ever holds back: automatic motion bends before limits by itself."""
+        return False
+
+    @property
     def reach_m(self) -> float:
         """Clearances up to here must be known to it [m]."""
         return self.slow_distance_m

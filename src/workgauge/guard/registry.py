@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from workgauge.guard.api import Guard
 from workgauge.guard.barrier import BarrierGuard
+from workgauge.guard.free import NoGuard
 from workgauge.guard.linear import LinearGuard
 from workgauge.guard.potential import PotentialGuard
 from workgauge.values.errors import InputError
@@ -12,6 +13,7 @@ from workgauge.values.errors import InputError
 GUARDS: dict[str, Callable[[], Guard]] = {
     "barrier": BarrierGuard,
     "linear": LinearGuard,
+    "none": NoGuard,
     "potential": PotentialGuard,
 }
 

@@ -1,7 +1,7 @@
 """What the tick is told once and for all."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from workgauge.drive.api import Drive
 from workgauge.drive.ideal import IdealDrive
@@ -109,6 +109,7 @@ def tick_config(
         raise InputError(error.message, element="machine_id", value=machine_id, allowed=error.allowed) from None
     given = motion or MotionConfig(feel=LeverFeel(ramp_s=ramp_s))
     settings = {name: getattr(given, name) for name in MotionConfig.__slots__} | {"dt_s": dt_s}
+    settings["follow"] = replace(given.follow, bend=given.follow.bend and not guard.steers_itself)
     drive = drive or IdealDrive.of(machine)
     step = max(int(VALVE_FULL * dt_s / ramp_s), 1) if ramp_s > dt_s else VALVE_FULL
     jumping = tuple(min(step + max(jump), VALVE_FULL) for jump in drive.jump)

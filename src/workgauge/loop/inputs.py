@@ -7,6 +7,7 @@ from typing import TypeAlias
 import numpy as np
 
 from workgauge.loop.config import TickConfig
+from workgauge.motion.job import Job
 from workgauge.motion.line import unit_direction
 from workgauge.proximity.scene import Scene
 from workgauge.values.arrays import Floats
@@ -27,6 +28,7 @@ class TickInputs:
     Attributes:
         now_ns: the monotonic clock the stamps are counted on [ns].
         posture, pose, intent: the newest of each, None if there never was one.
+        job: what automatic motion is to do, None for nothing.
         health: how far the pose may be trusted, None if nobody judges it. A state to stop in, or a reason that stops,
             stops every joint; other reasons are passed on.
         scene: the limits around the machine.
@@ -42,6 +44,7 @@ class TickInputs:
     off_states: frozenset[str] = frozenset()
     let_off: frozenset[str] = frozenset()
     health: PositionHealth | None = None
+    job: Job | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +71,7 @@ def believed(inputs: TickInputs, config: TickConfig) -> Seen:
         about_pose = _reason(_POSE, together_wrong(pose, posture))
     about_intent = _stamp_wrong(intent, _INTENT, config.intent_age_s, inputs.now_ns, config)
     if about_intent is None and intent is not None:
-        about_intent = _reason(_INTENT, intent_wrong(intent))
+        about_intent = _reason(_INTENT, intent_wrong(intent) or _job_wrong(intent, inputs.job, n))
     trusted, about_health = _health(inputs.health)
     return Seen(
         posture if about_posture is None else None,
@@ -181,6 +184,15 @@ def covariance_wrong(covariance: Floats) -> str | None:
     if np.linalg.eigvalsh(correlation)[0] < -_ROUNDING:
         return "the covariance is not positive: some direction has a variance below zero"
     return None
+
+
+def _job_wrong(intent: Intent, job: Job | None, joints: int) -> str | None:
+    """Return what is wrong with the job of an intent that asks for one, or None."""
+    if intent.mode is not DriveMode.AUTO:
+        return None
+    if job is None:
+        return "automatic mode without anything to do"
+    return job.wrong(joints)
 
 
 def intent_wrong(intent: Intent) -> str | None:

@@ -1,7 +1,7 @@
 """What the tick remembers, and its plain form that goes through JSON unchanged."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from workgauge.gate.gate import GateState
 from workgauge.guard.api import Memory
 from workgauge.loop.config import TickConfig
 from workgauge.motion.desired import MotionMemory
+from workgauge.motion.job import JobMemory
 from workgauge.values.errors import InputError
 
 
@@ -24,6 +25,7 @@ class TickMemory:
         guard: what the guard wants to remember.
         gate: open or closed, and what it last sent.
         at_ns: the clock of the tick, None before the first [ns].
+        job: how far automatic motion is.
     """
 
     sequence: int
@@ -32,6 +34,7 @@ class TickMemory:
     guard: Memory
     gate: GateState
     at_ns: int | None = None
+    job: JobMemory = field(default_factory=JobMemory)
 
     def plain(self) -> dict[str, Any]:
         """Return the memory as dicts, lists, numbers and strings."""
@@ -42,6 +45,7 @@ class TickMemory:
             "guard": {name: _listed(value) for name, value in self.guard.items()},
             "gate": {name: _listed(value) for name, value in asdict(self.gate).items()},
             "at_ns": self.at_ns,
+            "job": self.job.plain(),
         }
 
 
@@ -64,6 +68,7 @@ def restored(plain: Mapping[str, Any]) -> TickMemory:
             guard=dict(plain["guard"]),
             gate=GateState(**{name: _tupled(value) for name, value in plain["gate"].items()}),
             at_ns=None if plain["at_ns"] is None else int(plain["at_ns"]),
+            job=JobMemory.of(plain["job"]),
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError("not a tick's memory", element="memory", value=str(error)) from None

@@ -1,7 +1,7 @@
 """The tick: inputs, memory and configuration in; command bytes, memory and trace out; nothing else."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,18 +9,21 @@ from workgauge.drive.ramp import ramped
 from workgauge.gate.gate import GateFacts, GateState, vet
 from workgauge.guard.api import GuardInput, Memory
 from workgauge.guard.exit import Exit
+from workgauge.loop.asked import asked_for
 from workgauge.loop.config import SOURCE, TickConfig
 from workgauge.loop.inputs import TickInputs, believed
 from workgauge.loop.memory import TickMemory
 from workgauge.machine.model import Kinematics
-from workgauge.motion.desired import MotionMemory, desired, exit_share, tool_rates
+from workgauge.motion.desired import MotionMemory, exit_share, tool_rates
+from workgauge.motion.follow import released
+from workgauge.motion.job import JobFacts
 from workgauge.proximity.protection import with_protection
 from workgauge.proximity.surroundings import Surroundings
 from workgauge.proximity.uncertainty import MachineUncertainty
 from workgauge.values.arrays import Floats, freeze
 from workgauge.values.clearances import Clearances
 from workgauge.values.commands import ValveCommand
-from workgauge.values.measurements import DriveMode, MachinePose, Posture, Stamp
+from workgauge.values.measurements import MachinePose, Posture, Stamp
 from workgauge.values.ranges import LeverRanges
 from workgauge.values.reasons import Reason, ReasonCode
 from workgauge.wire.messages import SEQUENCE_MODULUS, encode
@@ -47,6 +50,7 @@ class Trace:
         scale: what the clearances left of the velocity.
         ranges: what each lever may still do; None if the guard was not asked or cannot say.
         exit: the way out of limits the machine is inside of, or what leaves none; None if it was not sought.
+        job: how far automatic motion is; None if nobody asked for any.
     """
 
     now_ns: int
@@ -59,6 +63,7 @@ class Trace:
     scale: float
     ranges: LeverRanges | None = None
     exit: Exit | None = None
+    job: JobFacts | None = None
 
 
 def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[TickOutputs, TickMemory, Trace]:
@@ -80,6 +85,8 @@ def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[Ti
     sent = np.array(config.drive.velocity(memory.valves, at))
     elapsed_s = config.dt_s if memory.at_ns is None else max((now - memory.at_ns) * 1e-9, 0.0)
     guard_memory: Memory | None = None
+    job_memory = released(memory.job)
+    job_facts: JobFacts | None = None
 
     if seen.posture is not None and seen.pose is not None:
         kin = machine.forward(seen.posture.q)
@@ -87,9 +94,12 @@ def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[Ti
         if unsure is not None:
             reasons.append(unsure)
         elif seen.intent is not None and seen.intent.enable:
-            wanted, hindered, motion_memory = desired(
-                seen.intent, kin, machine, seen.pose.T_site_machine, memory.motion, config.motion
+            asked = asked_for(
+                *(inputs.job, seen.intent, kin, seen.pose.T_site_machine, clearances, rows),
+                *(memory.motion, memory.job, config),
+                sent=sent,
             )
+            wanted, motion_memory, job_memory, job_facts = asked.velocity, asked.motion, asked.job, asked.facts
             given = GuardInput(
                 desired=wanted,
                 q=kin.q,
@@ -102,17 +112,19 @@ def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[Ti
                 dt_s=config.dt_s,
                 joint_names=machine.joint_names,
                 exclusive_groups=machine.exclusive_groups,
-                keep_direction=seen.intent.mode is not DriveMode.JOINT,
+                keep_direction=asked.keep_direction,
                 sent=sent,
                 elapsed_s=elapsed_s,
                 age_s=seen.posture.stamp.age_s(now),
                 around=around,
                 tool_rates=tool_rates(machine, kin, config.motion),
                 exit_share=exit_share(seen.intent, motion_memory),
+                task=asked.task,
             )
             result, guard_memory = config.guard.allow(given, memory.guard)
             allowed, scale, ranges, way_out = result.allowed, result.scale, result.ranges, result.exit
-            reasons += (*hindered, *result.reasons)
+            reasons += (*asked.reasons, *result.reasons)
+            job_memory = replace(job_memory, allowed=scale)
     if guard_memory is None:
         guard_memory = config.guard.idle(sent, machine, config.dt_s, elapsed_s, memory.guard)
 
@@ -123,9 +135,11 @@ def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[Ti
     said = {reason.code for reason in seen.reasons}
     reasons += [reason for reason in refusals if reason.code not in said]
     sequence = (memory.sequence + 1) % SEQUENCE_MODULUS
-    after = TickMemory(sequence, gate.valves, motion_memory, guard_memory, gate, now)
+    after = TickMemory(sequence, gate.valves, motion_memory, guard_memory, gate, now, job_memory)
     q = seen.posture.q if seen.posture is not None else None
-    trace = Trace(now, q, wanted, allowed, gate.valves, clearances, tuple(reasons), scale, ranges, way_out)
+    trace = Trace(
+        *(now, q, wanted, allowed, gate.valves, clearances, tuple(reasons), scale, ranges, way_out, job_facts)
+    )
     return TickOutputs(frame), after, trace
 
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from workgauge.machine.model import Kinematics, MachineModel
-from workgauge.motion.inverse import Damping, Solution, damped_inverse, tool_motion
+from workgauge.motion.follow import FollowSettings
+from workgauge.motion.inverse import HYSTERESIS, Damping, Solution, damped_inverse, tool_motion
 from workgauge.motion.joystick import LeverFeel, joint_velocity, ramped_levers, shaped, tool_twist
 from workgauge.motion.line import line_twist, unit_direction
 from workgauge.motion.position import position_rates
@@ -13,8 +14,6 @@ from workgauge.values.arrays import Floats, freeze
 from workgauge.values.measurements import DriveMode, Intent
 from workgauge.values.reasons import Reason, ReasonCode
 
-#: An exclusive group keeps the right to move the tool until another misses this much less of what is wanted.
-HYSTERESIS = 1.25
 _RIGHT_Y = 3
 
 
@@ -28,6 +27,7 @@ class MotionConfig:
         tool_speed_m_s, tool_turn_rad_s: the tool's speed at the full lever in the tool and line modes.
         line_gain_1_s: how fast the tool is drawn back to its line.
         damping: of the inverse kinematics.
+        follow: how jobs are done.
         singular_share: share of the wanted tool motion that may be missed before it is said.
     """
 
@@ -38,6 +38,7 @@ class MotionConfig:
     line_gain_1_s: float = 2.0
     damping: Damping = field(default_factory=Damping)
     singular_share: float = 0.1
+    follow: FollowSettings = field(default_factory=FollowSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +69,9 @@ def desired(
     """Return the wanted joint velocities (n,) [rad/s, m/s], what hinders them, and the memory for the next tick.
 
     Joint mode: each lever moves its joints. Tool mode: the levers move the tool along the machine's axes. Line mode:
-    the right lever's fore and aft moves the tool along the intent's line. Exit mode: nothing, the guard finds the
-    way out; see `exit_share`. Speeds may exceed what joints can do; the
-    guard scales them as a whole.
+    the right lever's fore and aft moves the tool along the intent's line. Exit and automatic mode: nothing, the guard
+    finds the way out and `follow` does the job; see `exit_share` and `pace`. Speeds may exceed what joints can do;
+    the guard scales them as a whole.
     """
     step = config.dt_s / config.feel.ramp_s if config.feel.ramp_s > 0.0 else 2.0
     levers = ramped_levers(memory.levers, shaped(intent.levers.values, config.feel), step)
@@ -78,7 +79,7 @@ def desired(
         qdot = np.array(joint_velocity(levers, machine))
         freeze(qdot)
         return qdot, (), MotionMemory(levers)
-    if intent.mode is DriveMode.EXIT:  # the guard knows the way; see `exit_share`
+    if intent.mode in (DriveMode.EXIT, DriveMode.AUTO):  # somebody else knows the way: `exit_share`, `follow`
         return _still(machine.n), (), MotionMemory(levers)
     line: tuple[float, ...] = ()
     kept: tuple[float, ...] = ()
@@ -118,6 +119,15 @@ def exit_share(intent: Intent, memory: MotionMemory) -> float | None:
         memory: as `desired` returned it, for the ramp.
     """
     return max(memory.levers[_RIGHT_Y], 0.0) if intent.mode is DriveMode.EXIT else None
+
+
+def pace(memory: MotionMemory) -> float:
+    """Return how fast a job is to be done, 0 to 1 of its own speed.
+
+    Args:
+        memory: as `desired` returned it, for the ramp.
+    """
+    return max(memory.levers[_RIGHT_Y], 0.0)
 
 
 def tool_rates(machine: MachineModel, kin: Kinematics, config: MotionConfig) -> Floats:

@@ -11,6 +11,9 @@ import numpy as np
 
 from workgauge.values.arrays import Floats
 
+#: An exclusive group keeps the right to move the tool until another misses this much less of what is wanted.
+HYSTERESIS = 1.25
+
 
 @dataclass(frozen=True, slots=True)
 class Damping:

@@ -17,7 +17,7 @@ from workgauge.values.errors import InputError
 from workgauge.wire.messages import decode_command
 
 #: The inputs that have topics of their own; each is written when it is another than the tick before had.
-_OWN = ("posture", "pose", "intent")
+_OWN = ("posture", "pose", "intent", "job")
 #: The inputs that stand in the tick's own message.
 _REST = tuple(field.name for field in fields(TickInputs) if field.name not in (*_OWN, "now_ns", "scene"))
 
@@ -46,8 +46,8 @@ class TickRecorder:
                 if shown is not None:
                     log.write("/tf", now, shown)
         rest = {name: to_plain(getattr(inputs, name)) for name in _REST}
-        posture, pose, intent = (getattr(inputs, name) is not None for name in _OWN)
-        log.write("/tick", now, Moment(now, posture, pose, intent, json.dumps(rest, sort_keys=True)))
+        had = {name: getattr(inputs, name) is not None for name in _OWN}
+        log.write("/tick", now, Moment(now_ns=now, rest=json.dumps(rest, sort_keys=True), **had))
         log.write("/velocities", now, Velocities(trace.desired, trace.allowed))
         log.write("/valves", now, decode_command(frame, now).value)
         nearest = None if trace.clearances is None else trace.clearances.nearest()
@@ -81,7 +81,7 @@ def replay(log: Log, scene: Scene) -> Iterator[RecordedTick]:
     hints = get_type_hints(TickInputs)
     newest: dict[str, Any] = {}
     moment: Moment | None = None
-    for topic, time_ns, value in log.entries("/posture", "/pose", "/intent", "/tick", "/valves"):
+    for topic, time_ns, value in log.entries("/posture", "/pose", "/intent", "/job", "/tick", "/valves"):
         if topic == "/tick":
             moment = value
         elif topic == "/valves":

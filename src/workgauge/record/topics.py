@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from workgauge.motion.job import Job
 from workgauge.values.arrays import Floats
 from workgauge.values.clearances import Clearance
 from workgauge.values.commands import ValveCommand
@@ -19,7 +20,7 @@ class Moment:
 
     Attributes:
         now_ns: the tick's clock [ns].
-        posture, pose, intent: whether there was one.
+        posture, pose, intent, job: whether there was one.
         rest: the tick's other inputs, as JSON text.
     """
 
@@ -27,6 +28,7 @@ class Moment:
     posture: bool
     pose: bool
     intent: bool
+    job: bool
     rest: str
 
 
@@ -51,6 +53,7 @@ TOPICS: dict[str, type[Any]] = {
     "/posture": Posture,
     "/pose": MachinePose,
     "/intent": Intent,
+    "/job": Job,
     "/tick": Moment,
     "/velocities": Velocities,
     "/valves": ValveCommand,

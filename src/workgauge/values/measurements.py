@@ -76,6 +76,7 @@ class DriveMode(StrEnum):
     TOOL = "tool"  #: levers move the tool centre point along the machine's axes
     LINE = "line"  #: one lever moves the tool centre point along a given straight line
     EXIT = "exit"  #: one lever drives the machine out of limits it is inside of, by the program's own way
+    AUTO = "auto"  #: the program does a job (a goal, a trajectory); one lever is its pace
 
 
 #: Lever names, in the order of `Levers.values`. Signs: x to the right, y forward, roller up are positive.
@@ -119,7 +120,7 @@ class Intent:
     Attributes:
         enable: the dead-man switch; without it nothing moves.
         line: the line of `DriveMode.LINE`; `right_y` is then the speed along it. In `DriveMode.EXIT`, `right_y`
-            forward is the speed out.
+            forward is the speed out; in `DriveMode.AUTO`, the pace of the job.
     """
 
     stamp: Stamp

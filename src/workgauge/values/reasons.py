@@ -18,6 +18,8 @@ class ReasonCode(StrEnum):
     PINNED = "pinned"  #: inside a limit, and what else leaves no way out by the joints alone
     WAY_OUT = "way_out"  #: inside a limit, and how to get out
     SINGULAR = "singular"  #: the tool cannot go that way from here
+    GIVES_WAY = "gives_way"  #: an automatic motion bends, or waits, before a limit
+    STUCK = "stuck"  #: an automatic motion comes no nearer to what it is to reach, and stands
     NOT_ENABLED = "not_enabled"  #: dead-man switch open
     NOT_NEUTRAL = "not_neutral"  #: levers must be in the middle before the gate opens
     NO_POSTURE = "no_posture"

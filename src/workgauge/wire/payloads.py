@@ -24,7 +24,7 @@ from workgauge.values.errors import WireError
 from workgauge.values.measurements import DriveMode, Intent, Levers, MachinePose, Posture, Stamp, ToolLine
 from workgauge.values.navigation import AngularRate, EncoderReading, Inclination
 
-_MODES = (DriveMode.JOINT, DriveMode.TOOL, DriveMode.LINE, DriveMode.EXIT)
+_MODES = (DriveMode.JOINT, DriveMode.TOOL, DriveMode.LINE, DriveMode.EXIT, DriveMode.AUTO)
 _POSE = struct.Struct("<33d")
 _INTENT = struct.Struct("<BBB12d")
 _INCLINATION = struct.Struct("<3d")
