@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workgauge.machine.model import MachineModel
-from workgauge.values.arrays import Floats, Ints, frozen
+from workgauge.values.arrays import Floats, Ints, freeze, frozen
 
 #: How far beyond its end a joint may come out and still count as standing at it [rad].
 AT_THE_END = 1e-10
@@ -19,7 +19,7 @@ class Candidates:
     """Postures before limits are looked at.
 
     Attributes:
-        q: (N, B, n) for N poses, NaN where a branch does not exist.
+        q: (N, B, n) for N poses, some joint of a branch that does not exist NaN.
         free: (N, B) the joint that may be chosen at will there (a singular posture), or -1.
     """
 
@@ -123,7 +123,8 @@ def turned_within(machine: MachineModel, q: Floats, q_near: Floats) -> tuple[Flo
         outside = np.where(above < below, q + turn * lowest, q + turn * highest)
         turned = np.where(fits, np.clip(q + turn * wanted, machine.q_min, machine.q_max), outside)
         excess = np.where(fits, 0.0, np.where(above < below, above, -below))
-    return turned, np.where(np.isnan(q), np.nan, excess)
+        excess += 0.0 * q
+    return turned, excess
 
 
 def arranged(machine: MachineModel, q: Floats, q_near: Floats, notes: tuple[str, ...]) -> Branches:
@@ -132,14 +133,17 @@ def arranged(machine: MachineModel, q: Floats, q_near: Floats, notes: tuple[str,
     turned, excess = turned_within(machine, q, q_near)
     apart = np.abs(np.remainder(q[:, None] - q[None] + math.pi, 2 * math.pi) - math.pi).max(-1, initial=0.0)
     double = np.tril(apart < SAME, -1).any(-1)
-    inside = ~double & ~excess.any(-1)
+    fits = ~excess.any(-1)
+    inside = ~double & fits
+    freeze(turned)
+    freeze(excess)
     seconds = seconds_between(machine, q_near, turned[inside])
     order = np.argsort(seconds, kind="stable")
-    outside = np.flatnonzero(~double & excess.any(-1))
+    outside = np.flatnonzero(~double & ~fits)
     outside = outside[np.argsort(np.abs(excess[outside]).max(-1, initial=0.0), kind="stable")]
     return Branches(
         q=frozen(turned[inside][order]),
         seconds=frozen(seconds[order]),
-        beyond=tuple(Beyond(machine, frozen(turned[i]), frozen(excess[i])) for i in outside),
+        beyond=tuple(Beyond(machine, turned[i], excess[i]) for i in outside),
         notes=notes,
     )

@@ -64,10 +64,10 @@ class ClosedForm:
         found = solver.solve(T[None])
         q, free = found.q[0], found.free[0]
         notes: list[str] = []
-        for joint in sorted({int(j) for j in free if j >= 0}):
-            q = np.concatenate([q[free != joint], self._nearest_members(solver, T, joint, near)])
-            free = np.concatenate([free[free != joint], np.full(len(q) - int((free != joint).sum()), -1)])
-            notes.append(self._note(joint))
+        if free.max() >= 0:
+            joints = sorted({int(j) for j in free if j >= 0})
+            q = np.concatenate([q[free < 0], *(self._nearest_members(solver, T, j, near) for j in joints)])
+            notes += [self._note(joint) for joint in joints]
         result = arranged(self.machine, self._polished(T, q), near, tuple(notes))
         return result if len(result.q) else replace(result, out_of_reach=self._why(solver, T, result))
 
@@ -248,8 +248,9 @@ def _pose(T: ArrayLike) -> Floats:
     if pose.shape != (4, 4) or not np.isfinite(pose).all():
         raise InputError("not a pose", element="goal", value=pose.tolist(), allowed="4 x 4 finite numbers")
     R = pose[:3, :3]
-    rigid = np.abs(R @ R.T - np.eye(3)).max() < 1e-6 and np.linalg.det(R) > 0.0
-    if not rigid or not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    upright = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0.0
+    if not upright or np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or pose[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         raise InputError("not a pose: its axes are not square", element="goal", value=pose.tolist())
     return pose
 

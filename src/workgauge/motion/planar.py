@@ -12,7 +12,7 @@ from workgauge.values.arrays import Floats, frozen
 #: Joints as far from parallel, or lengths as short, as this are taken to be parallel or nothing [rad, m].
 LOOSE = 1e-3
 #: Below this a length, a sine or a cosine is nothing: the angle that depends on it is free.
-NOTHING = 1e-9
+NOTHING = 1e-11
 #: Share by which a square may be negative and still be a rounded zero.
 ROUNDING = 1e-12
 
@@ -90,13 +90,13 @@ def two_links(u: Floats, a: Floats, b: Floats) -> tuple[Floats, Floats]:
 
     By the law of cosines; the elbow one way, then the other. NaN where u is out of reach. Complex u, a, b (...).
     """
-    lengths, r2 = np.abs(a) * np.abs(b), np.abs(u) ** 2
-    longest, shortest = (np.abs(a) + np.abs(b)) ** 2, (np.abs(a) - np.abs(b)) ** 2
+    length_a, length_b, r2 = np.abs(a), np.abs(b), np.abs(u) ** 2
+    longest, shortest = (length_a + length_b) ** 2, (length_a - length_b) ** 2
     square = kept((longest - r2) * (r2 - shortest), longest * longest)
-    bend = np.arctan2(np.sqrt(square), r2 - np.abs(a) ** 2 - np.abs(b) ** 2)
+    bend = np.arctan2(np.sqrt(square), r2 - length_a * length_a - length_b * length_b)
     second = np.stack([bend, -bend], axis=-1) - np.angle(b * np.conj(a))[..., None]
     first = np.angle(u[..., None] * np.conj(a[..., None] + np.exp(1j * second) * b[..., None]))
-    return first, np.where(lengths[..., None] > 0.0, second, np.nan)
+    return first, second
 
 
 def beyond_ring(u: Floats, a: Floats, b: Floats, lower: float, upper: float) -> Floats:

@@ -42,8 +42,8 @@ class Line:
 
     def angle(self, a: Floats, b: Floats) -> Floats:
         """Return the angles [rad] that turn the parts of a (..., 3) across the line onto those of b (..., 3)."""
-        flat = (a * b).sum(-1) - (a @ self.direction) * (b @ self.direction)
-        angle: Floats = np.arctan2((self.across(a) * b).sum(-1), flat)
+        across = self.across(a)
+        angle: Floats = np.arctan2((across * b).sum(-1), (across * self.across(b)).sum(-1))
         return angle
 
     def reversed(self) -> Self:

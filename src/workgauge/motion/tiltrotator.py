@@ -149,18 +149,20 @@ class Tiltrotator:
             the rotator (N, P) [rad], and where pitch and rotator are one turn (N, P).
         """
         plane, normal = self.plane, self.plane.normal
-        goals, axes = self._wrist(G)
-        start = plane.swing.point - plane.points[0]
-        to_wrist = plane.swing.turn(-q1, (goals - plane.swing.point)[:, None]) + start
+        carried = np.array([self.rotate.point, self.rotate.direction, self.square]) @ G[:, :3, :3].swapaxes(-1, -2)
+        carried[:, 0] += G[:, :3, 3] - plane.swing.point
+        turned = plane.swing.turn(-q1[..., None], carried[:, None])
+        to_wrist = turned[..., 0, :] + (plane.swing.point - plane.points[0])
         axis = self.tilt.turn(q5, self.rotate.direction)
-        one = np.linalg.norm(normal.across(axis), axis=-1) < NOTHING
+        one = (normal.across(axis) ** 2).sum(-1) < NOTHING**2
         if pitch is None:
-            pitch = normal.angle(axis, plane.swing.turn(-q1, axes[:, None]))
-        from_bucket = self.tilt.turn(q5, self.offset) + self.tilt.point - plane.points[2]
+            pitch = normal.angle(axis, turned[..., 1, :])
+        from_bucket = self.tilt.point - plane.points[2]
+        if self.offset.any():
+            from_bucket = from_bucket + self.tilt.turn(q5, self.offset)
         u = plane.flat(to_wrist) - np.exp(1j * pitch) * plane.flat(from_bucket)
         aside = to_wrist @ normal.direction - (from_bucket + plane.points[2] - plane.points[0]) @ normal.direction
-        back = plane.swing.turn(-q1, (G[:, :3, :3] @ self.square)[:, None])
-        back = self.tilt.turn(-q5, normal.turn(-pitch + 0.0 * q5, back))
+        back = self.tilt.turn(-q5, normal.turn(-pitch + 0.0 * q5, turned[..., 2, :]))
         rotate = np.arctan2(back @ self.rotate.across(self.square), back @ self.square)
         return u, aside, pitch, rotate, one
 
@@ -177,15 +179,14 @@ class Tiltrotator:
         """Return the postures (N, 2 P) for swings and tilts (N, P), the elbow both ways."""
         plane = self.plane
         u, _, pitch, rotate, one = self._reached(G, q1, q5, pitch)
-        a, b = (np.broadcast_to(link, u.shape) for link in plane.links)
-        first, second = two_links(u, a, b)
+        first, second = two_links(u, plane.links[:1], plane.links[1:])
         if boom is not None:
-            first = np.broadcast_to(boom[..., None], first.shape)
-        twice = np.broadcast_to(np.stack([q1, q5, pitch + 0.0 * q1, rotate], -1)[..., None, :], (*first.shape, 4))
+            first = boom[..., None]
+        q = np.empty((*second.shape, 6))
+        for j, angle in ((SWING, q1), (TILT, q5), (ROTATE, rotate)):
+            q[..., j] = angle[..., None]
         s1, s2, s3 = plane.signs
-        third = twice[..., 2] - first - second
-        q = np.stack([twice[..., 0], s1 * first, s2 * second, s3 * third, twice[..., 1], twice[..., 3]], axis=-1)
-        q = np.where(np.isfinite(q).all(-1, keepdims=True), q, np.nan)
+        q[..., 1], q[..., 2], q[..., 3] = s1 * first, s2 * second, s3 * (pitch[..., None] - first - second)
         free = np.where(one, ROTATE, np.where(np.abs(u) < NOTHING, BOOM, -1))
         if swing_free is not None:
             free = np.where(swing_free, SWING, free)
