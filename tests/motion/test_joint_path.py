@@ -70,7 +70,7 @@ def held(machine: MachineModel, free: bool) -> Orientation:
     return Orientation.FREE if free else orientation_of(machine)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(st.sampled_from(NAMES), st.integers(0, 10**6), st.sampled_from(["spline", "rounded", "sharp"]), st.booleans())
 def test_the_tool_stays_on_the_path_and_no_joint_jumps(name: str, seed: int, kind: str, free: bool) -> None:
     machine = MACHINES[name]
@@ -95,7 +95,7 @@ def test_the_tool_stays_on_the_path_and_no_joint_jumps(name: str, seed: int, kin
             assert np.ptp(curve.q[:, group[0]]) == 0.0
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(st.sampled_from(NAMES), st.integers(0, 10**6), st.booleans())
 def test_slopes_move_the_tool_exactly_along_the_path(name: str, seed: int, free: bool) -> None:
     machine = MACHINES[name]

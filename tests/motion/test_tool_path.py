@@ -53,7 +53,7 @@ def test_distance_is_the_length_driven(seed: int, k: int, kind: str) -> None:
         assert np.abs(driven - (end - start) / 400).max() < 1e-6 * (end - start)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(SEEDS, COUNTS, KINDS)
 def test_the_tangent_is_the_change_of_the_pose(seed: int, k: int, kind: str) -> None:
     path = made(kind, *drawn(seed, k))
@@ -68,7 +68,7 @@ def test_the_tangent_is_the_change_of_the_pose(seed: int, k: int, kind: str) -> 
     assert T[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2) == pytest.approx(np.tile(np.eye(3), (len(s), 1, 1)))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(SEEDS, COUNTS, KINDS)
 def test_every_given_point_is_passed_in_order_within_the_stated_deviation(seed: int, k: int, kind: str) -> None:
     points, R = drawn(seed, k)
@@ -87,7 +87,7 @@ def test_every_given_point_is_passed_in_order_within_the_stated_deviation(seed: 
         assert np.linalg.norm(everywhere - point, axis=1).min() >= stated - 1e-9
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(SEEDS, COUNTS, st.sampled_from(["spline", "rounded"]))
 def test_no_step_in_direction_curvature_or_rate_of_turning(seed: int, k: int, kind: str) -> None:
     path = made(kind, *drawn(seed, k))
