@@ -231,6 +231,19 @@ def test_a_path_that_needs_speed_without_bound_is_singular() -> None:
     assert found.distance_m == pytest.approx(2.0, abs=0.01)
 
 
+def test_a_pitch_that_is_lost_is_not_called_a_distance() -> None:
+    """The demolition robot with arm 1 standing still: the position goes on, the tool's angle does not."""
+    machine = MACHINES["brokk5"]
+    postures = wandering("brokk5", 1)
+    T = np.array([pose(machine, q) for q in postures])
+    path = ToolPath.spline(T[:, :3, 3], T[:, :3, :3])
+    found = joint_path(machine, path, T_SITE_MACHINE, machine.home, Orientation.PITCH, none)
+    assert isinstance(found, Unreachable) and found.cause is PathCause.OUT_OF_REACH
+    assert "the position is in reach, not with its orientation, while arm 1 stands still" in str(found)
+    there = joint_path(machine, path, T_SITE_MACHINE, machine.home, Orientation.PITCH, lambda *_: postures[0])
+    assert isinstance(there, JointPath) and there.curve.q[0] == pytest.approx(postures[0], abs=1e-8)
+
+
 def test_the_way_to_the_beginning_is_left_to_the_caller_and_said() -> None:
     machine = MACHINES["sun-a"]
     path, start = drawn("sun-a", 5, "spline")

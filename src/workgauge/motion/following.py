@@ -27,6 +27,9 @@ _ON_PATH = 1e-9
 _UNBOUNDED = 50.0
 #: How far ahead it is asked whether the path goes out of reach [m].
 _AHEAD_M = 0.05
+#: A goal is reached [m and rad]; a position that is missed by less is in reach [m].
+_REACHED, _NEAR_M = 1e-6, 1e-4
+_LEAST_SQUARES_STEPS = 60
 _FIRST_STEP_M = 0.05
 _NEWTON_STEPS = 15
 _GROWTH = 1.6
@@ -48,7 +51,8 @@ class LostWay:
     Attributes:
         distance_m: along the path. cause: see there.
         joint, end: the joint at its end, and where that is, in degrees or metres with its unit.
-        by_m: how far out of reach. other: whether another posture reaches on from there.
+        by_m: how far out of reach, a little farther on but for the beginning. still: the joints that may not move.
+        other: whether another posture reaches on from there.
     """
 
     distance_m: float
@@ -56,14 +60,20 @@ class LostWay:
     joint: str | None = None
     end: str = ""
     by_m: float = 0.0
+    still: tuple[str, ...] = ()
     other: bool = False
 
 
 def says(lost: LostWay) -> str:
     """Return why in words."""
+    if lost.cause is PathCause.OUT_OF_REACH:
+        place = " a little farther on" if lost.distance_m > 0.0 else ""
+        text = f"out of reach, by {lost.by_m:.3f} m{place}"
+        if lost.by_m < _NEAR_M:
+            text = "the position is in reach, not with its orientation"
+        return f"{text}, while {', '.join(lost.still)} stands still" if lost.still else text
     text = {
         PathCause.JOINT_END: f"{lost.joint} at its end ({lost.end})",
-        PathCause.OUT_OF_REACH: f"out of reach, by {lost.by_m:.3f} m a little farther on",
         PathCause.SINGULAR: "singular: joints would have to move without bound",
         PathCause.BRANCH: "no posture joins on without a jump",
     }[lost.cause]
@@ -165,13 +175,14 @@ class Follower:
                 return found
         return None
 
-    def _asked(self, goal: Floats, near: Floats) -> Floats | None:
+    def _asked(self, goal: Floats, near: Floats, everywhere: bool = False) -> Floats | None:
+        """Return the inverse's answer (n,), at the nearest turns and refined; None if joints move that may not."""
         answer = self.inverse(goal, self.orientation, near)
         if answer is None:
             return None
         whole = np.where(self.machine.prismatic, 0.0, 2.0 * np.pi * np.round((answer - near) / (2.0 * np.pi)))
         rest = np.setdiff1d(np.arange(self.machine.n), self.joints)
-        if np.abs((answer - whole - near)[rest]).max(initial=0.0) > _ON_PATH:
+        if not everywhere and np.abs((answer - whole - near)[rest]).max(initial=0.0) > _ON_PATH:
             return None
         return self.newton(goal, answer - whole)
 
@@ -185,14 +196,18 @@ class Follower:
         return bool(np.abs(after - q).max() <= LARGEST_STEP)
 
     def begin(self, q_start: Floats) -> Floats | LostWay:
-        """Return the posture (n,) on the path's beginning nearest to the one given, or why there is none."""
+        """Return the posture (n,) on the path's beginning nearest to the one given, or why there is none.
+
+        The way there is not part of the path: the inverse may move every joint.
+        """
         goal = self.goals(np.zeros(1))[0][0]
         found = self.newton(goal, q_start)
         if found is None or not self.continuous(q_start, found):
-            asked = self._asked(goal, q_start)
+            asked = self._asked(goal, q_start, everywhere=True)
             found = found if asked is None else asked
         if found is None:
-            return LostWay(0.0, PathCause.OUT_OF_REACH, by_m=self._missing(goal, q_start))
+            by_m = self._left(goal, q_start, Orientation.FREE)
+            return LostWay(0.0, PathCause.OUT_OF_REACH, by_m=by_m, still=self._still())
         return found if self.within(found) else self._at_end(0.0, found, False)
 
     def march(self, start: float, end: float, q: Floats) -> tuple[Floats, Floats] | LostWay:
@@ -228,9 +243,9 @@ class Follower:
         if onwards is not None and self.continuous(q, onwards) and not self.within(onwards):
             return self._at_end(s, onwards, other)
         beyond = self.goals(np.array([min(s + _AHEAD_M, self.path.length_m)]))[0][0]
-        missing = self._missing(beyond, q)
-        if missing > 1e-6 and self._asked(beyond, q) is None:
-            return LostWay(s, PathCause.OUT_OF_REACH, by_m=missing)
+        if self._left(beyond, q, self.orientation) > _REACHED and self._asked(beyond, q) is None:
+            by_m = self._left(beyond, q, Orientation.FREE)
+            return LostWay(s, PathCause.OUT_OF_REACH, by_m=by_m, still=self._still())
         rate = self.goals(np.array([s]))[1][0]
         if np.abs(self.slope(q, rate, np.zeros_like(q))).max() > _UNBOUNDED:
             return LostWay(s, PathCause.SINGULAR, other=other)
@@ -245,20 +260,24 @@ class Follower:
         shown = f"{end:.2f} m" if self.machine.prismatic[worst] else f"{np.degrees(end):.0f} deg"
         return LostWay(s, PathCause.JOINT_END, joint=self.machine.joint_names[worst], end=shown, other=other)
 
-    def _missing(self, goal: Floats, q: Floats) -> float:
-        """Return how near [m] the tool comes to a goal's position, damped least squares, joint ends ignored."""
+    def _left(self, goal: Floats, q: Floats, orientation: Orientation) -> float:
+        """Return how much of a goal is left [m and rad] by damped least squares from q, joint ends ignored."""
         posture, damping = np.array(q), 1e-2
-        error = task_error(self.machine.forward(posture), self.machine, goal, Orientation.FREE)
-        for _ in range(60):
-            J = task_jacobian(self.machine.forward(posture), self.machine, Orientation.FREE)[:, self.joints]
+        error = task_error(self.machine.forward(posture), self.machine, goal, orientation)
+        for _ in range(_LEAST_SQUARES_STEPS):
+            J = task_jacobian(self.machine.forward(posture), self.machine, orientation)[:, self.joints]
             trial = np.array(posture)
             trial[self.joints] += np.linalg.solve(J.T @ J + damping * np.eye(len(self.joints)), J.T @ error)
-            left = task_error(self.machine.forward(trial), self.machine, goal, Orientation.FREE)
+            left = task_error(self.machine.forward(trial), self.machine, goal, orientation)
             if np.linalg.norm(left) < np.linalg.norm(error):
                 posture, error, damping = trial, left, max(0.3 * damping, 1e-9)
             else:
                 damping = min(4.0 * damping, 1e3)
         return float(np.linalg.norm(error))
+
+    def _still(self) -> tuple[str, ...]:
+        """Return the names of the joints that may not move."""
+        return tuple(name for j, name in enumerate(self.machine.joint_names) if j not in self.joints)
 
 
 def _joins(moved: Floats, distance: float, before: Floats, after: Floats) -> bool:

@@ -94,7 +94,8 @@ def joint_path(
         path: in the site. T_site_machine: (4, 4). q_start: (n,) [rad, m].
         orientation: how much of the path's orientation counts.
         inverse: asked for the posture nearest to the one before. Its answer is refined and taken if it joins on
-            without a jump; Newton's method, which stays on the branch, does the rest.
+            without a jump; Newton's method, which stays on the branch, does the rest. For the beginning it may move
+            every joint.
         joints: indices of those that may move. By default all; of groups that cannot move together the largest.
 
     Raises:
