@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workgauge.machine.model import Kinematics, MachineModel
-from workgauge.motion.desired import HYSTERESIS
-from workgauge.motion.inverse import null_projector
+from workgauge.motion.inverse import HYSTERESIS
 from workgauge.motion.task import ROWS, sample_postures, task_jacobian
 from workgauge.motion.weighted import least_velocity, limit_gradient, manipulability
 from workgauge.values.arrays import Floats, freeze
@@ -16,6 +15,8 @@ from workgauge.values.errors import InputError
 from workgauge.values.tasks import Orientation
 
 _PULL = 1e-9  # a held joint is let go if the task pulls it back by more than this
+_NOTHING = 1e-3  # a share of the task that is not worth a change of group
+_FADE = 0.02  # the drift fades out where the weakest direction of the task is below this share of the strongest
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +127,7 @@ def clik_velocity(
         steps[number] = _bounded(machine, kin.q, J, wanted, group, gains, (rank, usual), dt_s, number)
     best = min(steps, key=lambda number: steps[number][1].missed)
     last = steps.get(memory.group)
-    if last is not None and last[1].missed <= HYSTERESIS * steps[best][1].missed:
+    if last is not None and last[1].missed <= HYSTERESIS * steps[best][1].missed + _NOTHING:
         best = memory.group
     qdot, facts = steps[best]
     freeze(qdot)
@@ -201,8 +202,8 @@ def _bounded(
     missed = min(float(np.linalg.norm(asked - J @ qdot)) / size, 1.0) if size > 0.0 else 0.0
     slower = speed_share(qdot, machine)
     qdot *= slower
-    if joints and gains.posture_1_s > 0.0:
-        qdot = _drift(machine, q, J, qdot, list(joints), gains.posture_1_s, low, high)
+    if len(joints) > usual[0] and gains.posture_1_s > 0.0:
+        qdot = _drift(machine, q, J, qdot, list(joints), usual[0], gains.posture_1_s, low, high)
     return qdot, ClikFacts(missed, scale * slower, m, damping, tuple(sorted(held)), number)
 
 
@@ -245,15 +246,22 @@ def _drift(
     J: Floats,
     qdot: Floats,
     joints: list[int],
+    rank: int,
     rate: float,
     low: Floats,
     high: Floats,
 ) -> Floats:
-    """Return the velocity with as much drift to mid range, unfelt by the task, as speeds and limits leave."""
+    """Return the velocity with as much drift to mid range, unfelt by the task, as speeds and limits leave.
+
+    The projector is undamped and cut at the rank the task has in general, so that it is none where no joint is to
+    spare. It turns without bound at a singularity: there the drift fades out.
+    """
+    _, sigma, Vt = np.linalg.svd(J[:, joints])
     ends = np.isfinite(machine.q_min) & np.isfinite(machine.q_max)
     middle = np.where(ends, 0.5 * (np.where(ends, machine.q_min, 0.0) + np.where(ends, machine.q_max, 0.0)), q)
+    fade = min(float(sigma[rank - 1]) / (_FADE * float(sigma[0])), 1.0) if rank else 1.0
     z = np.zeros(machine.n)
-    z[joints] = null_projector(J[:, joints]) @ (rate * (middle - q))[joints]
+    z[joints] = Vt[rank:].T @ (Vt[rank:] @ (fade * rate * (middle - q))[joints])
     low, high = np.maximum(low, -machine.speed_negative), np.minimum(high, machine.speed_positive)
     room = np.where(z > 0.0, high - qdot, qdot - low)
     size = np.abs(z)

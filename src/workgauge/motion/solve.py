@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from workgauge.machine.model import Kinematics, MachineModel
 from workgauge.motion.clik import ClikGains, ClikMemory, clik_velocity, movable_groups, speed_share
-from workgauge.motion.stuck import Cause, pushed_limits, why_stuck
+from workgauge.motion.stuck import Cause, pushed_limits, stands_below, why_stuck
 from workgauge.motion.task import ROWS, task_error, task_jacobian
 from workgauge.motion.weighted import least_velocity
 from workgauge.values.arrays import Floats, freeze, frozen
@@ -17,7 +17,6 @@ from workgauge.values.tasks import Orientation
 
 _PROGRESS = 0.99  # an iteration that leaves more of the smallest error than this gains nothing
 _SHORT = 3.0  # times the largest lambda, where the error is to fall at every step
-_STILL = 0.9999  # an iteration that leaves more of the error than this ends the search
 _HALVINGS = 8
 _RIGID = 1e-6
 
@@ -195,21 +194,26 @@ def _settled(
     for _ in range(settings.iterations):
         J, wanted = weigh[:, None] * task_jacobian(best.kin, machine, orientation), weigh * best.error
         pull = J.T @ wanted
-        pull[pushed_limits(machine, best.q, pull)] = 0.0
+        pull[pushed_limits(machine, best.q, pull, 0.0)] = 0.0
         groups = [list(group) for _, group in movable_groups(machine, exclusive=settings.exclusive)]
+        if float(np.linalg.norm(pull)) <= 0.5 * stands_below(J, wanted):
+            break
         group = max(groups, key=lambda joints: float(np.linalg.norm(pull[joints])))
         free = [j for j in group if pull[j] != 0.0]
         step = np.zeros(machine.n)
         step[free] = least_velocity(J[:, free], wanted, np.zeros(len(free)), _SHORT * gains.damping)
         step *= settings.step_s * speed_share(step / settings.step_s, machine)
+        slope = np.zeros(machine.n)  # falls for certain, where an end close by bends the other step too much
+        slope[free] = pull[free] / float(np.linalg.norm(J, 2)) ** 2
         before = best.size
-        for halvings in range(_HALVINGS):
-            q = _moved(machine, best.q, 0.5**halvings * step)
+        for halvings in range(2 * _HALVINGS):
+            way = step if halvings < _HALVINGS else slope
+            q = _moved(machine, best.q, 0.5 ** (halvings % _HALVINGS) * way)
             here = _look(machine, q, goal, orientation, settings, best.iterations + 1)
             if here.size < best.size:
                 best = here
                 break
-        if best.reached or best.size > _STILL * before:
+        if best.reached or best.size >= before:
             break
     return best
 

@@ -11,6 +11,7 @@ from workgauge.values.arrays import Floats
 from workgauge.values.tasks import Orientation
 
 _AT = 1e-6  # this near to a limit, as a share of the range, is at it
+_FELT = 0.05  # a joint at its limit is named if it could do more for the error than this share of that
 _STANDS = 0.02  # the error falls no faster than this share of what the machine could do for another direction
 
 
@@ -20,7 +21,7 @@ class Cause(StrEnum):
     REACHED = "reached"
     OUT_OF_REACH = "out of reach"  #: farther than the arm is long; no posture reaches it
     JOINT_LIMIT = "joint limit"  #: from here, only joints at their limits could come nearer
-    SINGULAR = "singular"  #: from here, no joint moves the tool the way that is missing
+    SINGULAR = "singular"  #: from here, the joints cannot move the tool the way that is missing
     UNSETTLED = "unsettled"  #: none of these: the iterations came to an end first
 
 
@@ -41,17 +42,16 @@ def why_stuck(
     weigh = np.where(np.arange(len(error)) < 3, 1.0, length_m_rad)
     J, wanted = weigh[:, None] * task_jacobian(kin, machine, orientation), weigh * error
     pull = J.T @ wanted
-    stopped = pushed_limits(machine, q, pull)
+    stopped = pushed_limits(machine, q, pull, _FELT * stands_below(J, wanted))
     free = [j for j in range(machine.n) if j not in stopped]
-    strongest = float(np.linalg.norm(J, 2)) * float(np.linalg.norm(wanted))
-    if float(np.linalg.norm(pull[free])) > _STANDS * strongest:
+    if float(np.linalg.norm(pull[free])) > stands_below(J, wanted):
         return Cause.UNSETTLED, f"{left}; the iterations ended before the error stood still"
     if stopped:
         names = " and ".join(_at_limit(machine, j, upper=pull[j] > 0.0) for j in stopped)
         return Cause.JOINT_LIMIT, f"{left}; {names}, and would have to go on"
     U, sigma, _ = np.linalg.svd(J)
     way = U[:, len(sigma) - 1 if len(sigma) == len(error) else -1]
-    return Cause.SINGULAR, f"{left}; singular: from here no joint {_way(way * np.sign(way @ wanted or 1.0))}"
+    return Cause.SINGULAR, f"{left}; singular: from here the joints cannot {_way(way * np.sign(way @ wanted or 1.0))}"
 
 
 def beyond_reach(machine: MachineModel, T_machine_goal: Floats) -> float:
@@ -73,11 +73,16 @@ def beyond_reach(machine: MachineModel, T_machine_goal: Floats) -> float:
     return math.hypot(goal_out - out, goal_along - along) - _arm_length(machine, 0 if not foot.any() else 1)
 
 
-def pushed_limits(machine: MachineModel, q: Floats, pull: Floats) -> list[int]:
-    """Return the joints that stand at a limit and that `pull` (n,) would have go on."""
+def stands_below(J: Floats, wanted: Floats) -> float:
+    """Return the length of `J^T wanted` below which the error stands still: a share of the most it could be."""
+    return _STANDS * float(np.linalg.norm(J, 2)) * float(np.linalg.norm(wanted))
+
+
+def pushed_limits(machine: MachineModel, q: Floats, pull: Floats, least: float) -> list[int]:
+    """Return the joints that stand at a limit and that `pull` (n,) would have go on, by more than `least`."""
     near = _AT * np.where(np.isfinite(machine.q_max - machine.q_min), machine.q_max - machine.q_min, 0.0)
-    upper = (q >= machine.q_max - near) & (pull > 0.0)
-    lower = (q <= machine.q_min + near) & (pull < 0.0)
+    upper = (q >= machine.q_max - near) & (pull > least)
+    lower = (q <= machine.q_min + near) & (pull < -least)
     return [int(j) for j in np.flatnonzero(upper | lower)]
 
 
@@ -111,7 +116,7 @@ def _way(direction: Floats) -> str:
     """Return a direction of the task as people read it: the part that weighs more."""
     moving, turning = direction[:3], direction[3:]
     if len(turning) == 1 and abs(float(turning[0])) > float(np.linalg.norm(moving)):
-        return f"turns the tool {'up' if turning[0] > 0.0 else 'down'} in the arm's plane while it stays where it is"
-    verb, part = ("moves", moving) if np.linalg.norm(moving) >= np.linalg.norm(turning) else ("turns", turning)
+        return f"turn the tool {'up' if turning[0] > 0.0 else 'down'} in the arm's plane while it stays where it is"
+    verb, part = ("move", moving) if np.linalg.norm(moving) >= np.linalg.norm(turning) else ("turn", turning)
     x, y, z = (part / max(float(np.linalg.norm(part)), 1e-12)).tolist()
-    return f"{verb} the tool {'along' if verb == 'moves' else 'about'} ({x:.2f}, {y:.2f}, {z:.2f})"
+    return f"{verb} the tool {'along' if verb == 'move' else 'about'} ({x:.2f}, {y:.2f}, {z:.2f})"
