@@ -214,6 +214,23 @@ def test_a_whole_pose_on_six_joints_gives_way_in_position_and_keeps_its_orientat
     assert np.linalg.norm(J[:3] @ push) > 1e-6
 
 
+@settings(max_examples=100, deadline=None)
+@given(seed=seeds)
+def test_what_the_hold_takes_off_keeps_the_orientation_too(seed: int) -> None:
+    """Far stronger than the field, straight at one point's limit: the tool gives way, and is not turned."""
+    case, J = drawn(seed, count=1)
+    assume(far_from_singular(J))
+    N = np.eye(6) - np.linalg.pinv(J[3:]) @ J[3:]
+    assume(np.linalg.norm(N @ case.rows[0]) > 0.3)
+    wish = -N @ case.rows[0] + np.linalg.pinv(J[3:]) @ [0.1, 0.0, 0.0]
+    assume(case.rows[0] @ wish < -1.0)
+    case = replace(case, desired=wish, clearances=replace(case.clearances, distances=np.array([0.2])))
+    result, _ = PotentialGuard(mu=0.0).allow(case, HELD.start())
+    assert float(case.rows[0] @ result.allowed) == pytest.approx(0.0, abs=1e-6)
+    assert np.abs(J[3:] @ (result.allowed - wish)).max() < 1e-6
+    assert np.linalg.norm(result.allowed) > 1e-3
+
+
 @settings(max_examples=200, deadline=None)
 @given(seed=seeds)
 def test_each_point_is_driven_out_as_fast_as_keeping_the_orientation_lets_it(seed: int) -> None:

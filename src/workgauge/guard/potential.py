@@ -104,6 +104,11 @@ class PotentialGuard:
         return "potential"
 
     @property
+    def steers_itself(self) -> bool:
+        """Automatic motion comes as it is wanted: the field bends it."""
+        return True
+
+    @property
     def reach_m(self) -> float:
         """Clearances up to here must be known to it [m]."""
         return self.slow_distance_m
@@ -134,7 +139,8 @@ class PotentialGuard:
             return full_stop(len(given.joint_names), wrong), self.start()
         previous = memory.get("group")
         group = previous if isinstance(previous, int) else -1
-        wish, group, reasons = self._within_joints(given, given.desired, group, given.keep_direction)
+        moving, group, reasons = _moving(given, given.desired, group)
+        wish, ends = self._before_ends(given, moving, given.keep_direction)
         ways = freedom(given, _movable(given, group), self.variant)
         slack, smaller = self._slack(given.clearances)
         speeds = np.zeros(len(slack))
@@ -142,13 +148,15 @@ class PotentialGuard:
         if given.desired.any():
             push, speeds = self._push(given, slack, smaller, ways)
             if push.any():
-                velocity, group, more = self._within_joints(given, wish + push, group, False)
-                said = {(reason.code, reason.joint) for reason in reasons}
-                reasons += [reason for reason in more if (reason.code, reason.joint) not in said]
+                velocity, group, more = _moving(given, push + (wish if given.keep_direction else moving), group)
+                velocity, again = self._before_ends(given, velocity, False)
+                reasons += _unsaid(more, reasons)
+                ends = again + _unsaid(ends if given.keep_direction else [], again)
         refused = np.zeros(len(slack), dtype=np.bool_)
         if self.hold:
             velocity, refused = self._held(given, velocity, slack, group, ways)
         scale = _scale(given, wish, velocity) if speeds.any() or refused.any() else 1.0
+        reasons += ends
         reasons += _reasons(given.clearances, slack, speeds, refused, scale, self.stop_distance_m)
         allowed = velocity + 0.0
         freeze(allowed)
@@ -167,25 +175,19 @@ class PotentialGuard:
                 return "the tool's task is not made of numbers, or out of this world"
         return wrong
 
-    def _within_joints(
-        self, given: GuardInput, velocity: Floats, group: int, keep_direction: bool
-    ) -> tuple[Floats, int, list[Reason]]:
-        """Return what the joints themselves leave of a velocity (n,), the moving group, and why."""
-        names = given.joint_names
-        positive, negative = given.speed_positive.tolist(), given.speed_negative.tolist()
-        bounded, reasons = within_speed(velocity.tolist(), positive, negative, names)
-        bounded, group, stilled = one_group(bounded, positive, negative, given.exclusive_groups, names, group)
-        bounded, near_end = cushioned(
-            bounded,
+    def _before_ends(self, given: GuardInput, velocity: Floats, keep_direction: bool) -> tuple[Floats, list[Reason]]:
+        """Return what the joints' ends leave of a velocity (n,), and why."""
+        left, reasons = cushioned(
+            velocity.tolist(),
             given.q.tolist(),
             (given.q_min.tolist(), given.q_max.tolist()),
-            (positive, negative),
-            names,
+            (given.speed_positive.tolist(), given.speed_negative.tolist()),
+            given.joint_names,
             dt_s=given.dt_s,
             cushion_s=self.cushion_s,
             keep_direction=keep_direction,
         )
-        return np.array(bounded), group, reasons + stilled + near_end
+        return np.array(left), reasons
 
     def _slack(self, clearances: Clearances) -> tuple[Floats, Floats]:
         """Return what is left above the stop distances (k,) [m], and how much smaller than usual each field is."""
@@ -228,6 +230,21 @@ class PotentialGuard:
 
 def _refused(name: str, value: object, allowed: str) -> InputError:
     return InputError("guard parameter out of range", element=name, value=value, allowed=allowed)
+
+
+def _moving(given: GuardInput, velocity: Floats, group: int) -> tuple[Floats, int, list[Reason]]:
+    """Return what joint speeds and exclusive groups leave of a velocity (n,), the moving group, and why."""
+    names = given.joint_names
+    positive, negative = given.speed_positive.tolist(), given.speed_negative.tolist()
+    bounded, reasons = within_speed(velocity.tolist(), positive, negative, names)
+    bounded, group, stilled = one_group(bounded, positive, negative, given.exclusive_groups, names, group)
+    return np.array(bounded), group, reasons + stilled
+
+
+def _unsaid(reasons: list[Reason], said: list[Reason]) -> list[Reason]:
+    """Return the reasons whose cause is not among those said."""
+    causes = {(reason.code, reason.joint) for reason in said}
+    return [reason for reason in reasons if (reason.code, reason.joint) not in causes]
 
 
 def _movable(given: GuardInput, group: int, *, resting: bool = False) -> list[int]:
