@@ -134,6 +134,29 @@ class Scene:
         Raises:
             ValueError: if the pose or the posture is not finite: no answer is never read as free.
         """
+        found = self._found(kin, T_site_machine, radius_m, (now_ns, off_states, let_off), give_up=False)
+        assert found is not None
+        return found
+
+    def query_apart(
+        self,
+        kin: Kinematics,
+        T_site_machine: Floats,
+        radius_m: float,
+        now_ns: int = 0,
+        off_states: frozenset[str] = frozenset(),
+        let_off: frozenset[str] = frozenset(),
+    ) -> Clearances | None:
+        """Return what `query` does, or None as soon as a solid touches a limit or another link.
+
+        What lies below a surface is no touching. That it is inside is sooner said than how deep.
+        """
+        return self._found(kin, T_site_machine, radius_m, (now_ns, off_states, let_off), give_up=True)
+
+    def _found(
+        self, kin: Kinematics, T_site_machine: Floats, radius_m: float, at: _When, give_up: bool
+    ) -> Clearances | None:
+        now_ns, off_states, let_off = at
         poses, halves = self.machine.solid_poses(kin)
         T = np.array(T_site_machine, dtype=np.float64, order="C")
         hulls, when = self.hulls, (*self._when, self._rules.off(off_states, let_off), now_ns)
@@ -149,9 +172,10 @@ class Scene:
                 break
             hulls.add_cells(lacking)
         if len(touching) or self._surfaces:
-            rows = self._others(
-                OrientedBoxes.of_poses(T @ poses, halves), touching, bounds, radius_m, (now_ns, off_states, let_off)
-            )
+            boxes = OrientedBoxes.of_poses(T @ poses, halves)
+            if give_up and self._touch(boxes, touching, bounds):
+                return None
+            rows = self._others(boxes, touching, bounds, radius_m, at)
             if rows:
                 scalars, vectors, indices = self._merged(scalars, vectors, indices, rows)
         for array in (scalars, vectors, indices):
@@ -161,6 +185,20 @@ class Scene:
             *(indices[0], indices[1], indices[2], indices[3], indices[4], scalars[1], scalars[2]),
             *(self.machine.link_names, self.limit_ids, radius_m),
         )
+
+    def _touch(self, boxes: OrientedBoxes, touching: Ints, bounds: Floats) -> bool:
+        """Return whether any of what `search` leaves as touching does touch."""
+        shapes = box_shapes(boxes.halves) if self._stretching else self._rest_shapes
+        result = new_result()
+        for solid, cell, other in touching[np.argsort(bounds, kind="stable")].tolist():
+            body = shapes[solid], transform(boxes.axes[solid], boxes.centres[solid])
+            if cell >= 0:
+                near, least = self._shapes.placed(cell), TOUCHING_M - self._radii[self._cells.limits[cell]]
+            else:
+                near, least = (shapes[other], transform(boxes.axes[other], boxes.centres[other])), TOUCHING_M
+            if measure(near, body, result) <= least:
+                return True
+        return False
 
     def _others(
         self, boxes: OrientedBoxes, touching: Ints, bounds: Floats, radius_m: float, when: _When

@@ -40,14 +40,14 @@ def clutter(rng: _Rng, machine: MachineModel) -> tuple[Limit, ...]:
     size = reach / PLAIN_REACH_M
     made: list[tuple[LimitKind, Solid]] = []
     if rng.random() < WITH_ENVELOPE:
-        made.append((LimitKind.TRACK, _envelope(rng, reach, size)))
+        made.append((LimitKind.TRACK, envelope(rng, reach, size)))
     if rng.random() < WITH_WIRE:
         made.append((LimitKind.OVERHEAD_LINE, _wire(rng, reach, size)))
     if rng.random() < WITH_FLOOR:
         made.append((LimitKind.SURFACE, _floor(rng, reach)))
     kinds: tuple[tuple[LimitKind, Callable[[_Rng, float, float], Solid]], ...] = (
         (LimitKind.ZONE, _box),
-        (LimitKind.POINT, _pole),
+        (LimitKind.POINT, pole),
         (LimitKind.ZONE, _body),
         (LimitKind.LINE, _pipe),
     )
@@ -78,7 +78,8 @@ def _box(rng: _Rng, reach: float, size: float) -> Solid:
     return Box(frozen(T), frozen(size * rng.uniform(0.1, 1.0, 3)))
 
 
-def _pole(rng: _Rng, reach: float, size: float) -> Solid:
+def pole(rng: _Rng, reach: float, size: float) -> Solid:
+    """Return a pole somewhere round a machine of that reach [m]; size: beside the plain one."""
     roll, pitch, yaw = (rng.uniform(-1.0, 1.0, 3) * (0.05, 0.05, math.pi)).tolist()
     T = rpy(roll, pitch, yaw)
     T[:3, 3] = _somewhere(rng, reach, 0.3, 0.5)
@@ -111,8 +112,8 @@ def _wire(rng: _Rng, reach: float, size: float) -> Solid:
     return Tube(frozen(np.column_stack([x, y, height])), float(size * rng.uniform(0.02, 0.3)))
 
 
-def _envelope(rng: _Rng, reach: float, size: float) -> Solid:
-    """Return a track envelope past the machine, straight or bent, in cells of some metres."""
+def envelope(rng: _Rng, reach: float, size: float) -> Solid:
+    """Return a track envelope past a machine of that reach [m], in cells; size: beside the plain one."""
     nodes = np.linspace(-2.5, 2.5, 13) * reach
     x, y = _beside(rng, reach, nodes, 0.45, 0.8)
     axis = np.column_stack([x, y, rng.uniform(-0.02, 0.02) * nodes])
