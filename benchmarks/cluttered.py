@@ -9,8 +9,9 @@ clear posture to another. A plan keeps 0.05 m above every stop distance (0.2 m).
 Prints `{"machine", "scenes", "methods": [{"method", "solved", "straight", "invalid", "unsolved", "seconds_median",
 "seconds_p90", "longer_median"}], "rows": […]}`. `straight`: solved
 because the straight joint line is free. `invalid`: a dense search of the way (a posture for every `--spacing-mm` any
-corner moves) found a clearance that is not kept. `seconds` are of the processor, over the scenes whose straight line is
-not free. `longer`: the duration over that of the straight joint line at full joint speeds. `unsolved`: seed and reason.
+corner moves) found a clearance that is not kept. `seconds` are of the processor, over the scenes whose straight line
+is not free. `longer`: the duration over that of the straight joint line at full joint speeds. `unsolved`: seed and
+reason.
 """
 
 import argparse
