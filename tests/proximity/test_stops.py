@@ -298,7 +298,7 @@ def test_between_two_postures_of_a_way_there_is_no_less(make, seed, name):
         for share in (0.25, 0.5, 0.75):
             there, _, _ = case.look(postures[p - 1] + share * (postures[p] - postures[p - 1]))
             for pair, left in by_pair(there, room(there)).items():
-                bound = bounds[p].get(pair, np.inf)
+                bound = min(bounds[p - 1].get(pair, np.inf), bounds[p].get(pair, np.inf))
                 if np.isfinite(bound) and not (pair[1] in hollow and left < -STOP_M):
                     worst = max(worst, bound - left)
     assert worst < 0.005

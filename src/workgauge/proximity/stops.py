@@ -68,7 +68,8 @@ class Stop:
 
     Attributes:
         reach_m: how far clearances had to be known. clearances: those given.
-        slack: (m, P) least slack of each pair on the way to each posture [m], infinite where it cannot matter.
+        slack: (m, P) least slack of each pair at each posture [m], infinite where it cannot matter; between two of
+            them it is no less than at both.
         rows: every corner with less slack than `|row| . reach` for some reach. free: whether nothing can matter.
     """
 
@@ -237,13 +238,14 @@ def _approach(around: Surroundings, clearances: Clearances, until_s: float) -> F
 def _examine(arm: Any, pairs: Any, hulls: Any, doubt: Any, reach: Any, of: Any) -> Any:
     """Return the slack, ways and depths of `bounds`, and the columns of `Rows`."""
     total, count, n = len(of), arm[0].shape[0], arm[0].shape[1]
-    slack, depths, ways = np.empty((total, count)), np.empty((total, count)), np.empty((total, count, 3))
-    bounds(arm, pairs, hulls, doubt, reach, slack, ways, depths, of)
+    slack, depths, losses = np.empty((total, count)), np.empty((total, count)), np.empty((total, count))
+    ways = np.empty((total, count, 3))
+    bounds(arm, pairs, hulls, doubt, reach, slack, ways, depths, losses, of)
     size = 64
     while True:
         left, room, rows, which = np.empty(size), np.empty(size), np.empty((size, n)), np.empty((size, 2), np.int64)
         inside = np.zeros(size, np.bool_)
-        found = emit(arm, pairs, hulls, doubt, reach, slack, ways, depths, left, room, rows, which, inside)
+        found = emit(arm, pairs, hulls, doubt, reach, slack, ways, depths, losses, left, room, rows, which, inside)
         if found <= size:
             break
         size = found
