@@ -164,7 +164,7 @@ class BarrierGuard:
 
         def solved(rows: Rows) -> Solved:
             return share(
-                *(plan.changes(rows)[WISH], _room(rows, alpha), alpha),
+                *(plan.changes(rows)[WISH], _room(rows, alpha, 0.25 * self.margin_m), alpha),
                 keep_direction=given.keep_direction,
                 flow_rows=flow_rows,
                 flow_most=flow_most,
@@ -203,7 +203,7 @@ class BarrierGuard:
         def ranges(rows: Rows) -> LeverRanges:
             changes = plan.changes(rows)
             return lever_ranges(
-                *(changes[PLUS], changes[MINUS], _room(rows, alpha), alpha),
+                *(changes[PLUS], changes[MINUS], _room(rows, alpha, 0.25 * self.margin_m), alpha),
                 *(given.speed_positive, given.speed_negative, np.asarray(given.tool_rates)),
                 ends_positive=plan.ends[PLUS],
                 ends_negative=plan.ends[MINUS],
@@ -297,9 +297,15 @@ class BarrierGuard:
         return inside is None or inside.worse(way) <= WORSE_M
 
 
-def _room(rows: Rows, alpha: float) -> Floats:
-    """Return what each row of `Plan.changes` may lose, as the programme counts: a share alpha of what is here."""
-    return np.concatenate([np.where(rows.room > 0.0, rows.room, np.inf), rows.room / alpha])
+def _room(rows: Rows, alpha: float, floor_m: float) -> Floats:
+    """Return what each row of `Plan.changes` may lose, as the programme counts: a share alpha of what is here.
+
+    What has none left, but more than -floor_m, may lose `SHORT_M`, the less the nearer it is to that: a motion along
+    a face, whose clearance grows to second order only, is none towards it. A command is verified all the same.
+    """
+    some = SHORT_M * np.clip(1.0 + rows.slack / floor_m, 0.0, 1.0) if floor_m > 0.0 else 0.0
+    room = np.where(rows.inside, rows.room, np.maximum(rows.room, some))
+    return np.concatenate([np.where(rows.room > 0.0, rows.room, np.inf), room / alpha])
 
 
 @functools.lru_cache(maxsize=16)
