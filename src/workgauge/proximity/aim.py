@@ -57,7 +57,7 @@ def widest(p: int, s: int, other: Any, start: Any, arm: Any, turns: Any, out: An
 
 @njit(cache=True)
 def _farthest_back(p: int, s: int, ux: float, uy: float, uz: float, arm: Any, turns: Any, out: Any) -> None:
-    """Fill out (3,) with the point of solid s, anywhere in its intervals at posture p, that lies least far along u."""
+    """Fill out (3,) with the point of solid s, anywhere in its intervals at posture p, that is least far along u."""
     axes, origins, rotations, corners, prismatic, links, stretch, _, width, _ = arm
     top, js, face, side = links[s], stretch[s, 0], stretch[s, 1], stretch[s, 2]
     body, best, least = corners[p, s], 0, math.inf

@@ -165,7 +165,7 @@ def _turning(p: int, i: int, first: Any, last: Any, arm: Any, pairs: Any, hulls:
         points = hulls[0][hulls[1][o] : hulls[1][o + 1]]
         faster = approach(i, last, points, pairs[7], pairs[8]) - approach(i, first, points, pairs[7], pairs[8])
         most += abs(faster * (times[p] - times[p - 1]))
-    return 0.25 * most
+    return float(0.25 * most)
 
 
 @njit(cache=True)
