@@ -8,7 +8,7 @@ import numpy as np
 from workgauge.guard.api import GuardInput, GuardResult, Memory, full_stop, unusable
 from workgauge.guard.inside import WORSE_M, Inside, joined
 from workgauge.guard.joints import one_group, within_speed
-from workgauge.guard.plan import MINUS, PLUS, WISH, Flight, Plan, flown
+from workgauge.guard.plan import MINUS, PLUS, WISH, Flight, Plan, flown, losable
 from workgauge.guard.programme import Solved, share
 from workgauge.guard.ranges import lever_ranges, verified_ranges
 from workgauge.guard.seek import Seeker, Sought
@@ -219,7 +219,7 @@ class BarrierGuard:
 
     def _inside(self, around: Surroundings, given: GuardInput, plan: Plan, stop: Stop) -> Inside | None:
         """Return exact measures of what the stop in hand is inside of, None if it is inside of nothing."""
-        if not (stop.rows.slack < -INSIDE_M).any():
+        if stop.least >= -INSIDE_M:
             return None
         return self._measured(around, given, plan, stop)
 
@@ -299,7 +299,8 @@ class BarrierGuard:
 
 def _room(rows: Rows, alpha: float) -> Floats:
     """Return what each row of `Plan.changes` may lose, as the programme counts: a share alpha of what is here."""
-    return np.concatenate([np.where(rows.room > 0.0, rows.room, np.inf), rows.room / alpha])
+    found: Floats = losable(rows.room, alpha)
+    return found
 
 
 @functools.lru_cache(maxsize=16)

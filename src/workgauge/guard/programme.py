@@ -75,7 +75,7 @@ def share(
     least = np.maximum(slack, 0.0)
     least *= -alpha
     if flow_rows is None or flow_most is None:
-        rows = np.array(rows, dtype=np.float64, order="C")
+        rows = np.ascontiguousarray(rows, dtype=np.float64)
     else:
         rows = np.ascontiguousarray(np.concatenate((rows, -flow_rows)))
         least = np.concatenate((least, -np.maximum(flow_most, 0.0)))
