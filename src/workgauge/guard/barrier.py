@@ -9,7 +9,7 @@ from workgauge.guard.api import GuardInput, GuardResult, Memory, full_stop, unus
 from workgauge.guard.inside import WORSE_M, Inside, joined
 from workgauge.guard.joints import one_group, within_speed
 from workgauge.guard.plan import MINUS, PLUS, WISH, Flight, Plan, flown, losable
-from workgauge.guard.programme import Solved, share
+from workgauge.guard.programme import Solved, flow_row, share
 from workgauge.guard.ranges import lever_ranges, verified_ranges
 from workgauge.guard.seek import Seeker, Sought
 from workgauge.guard.why import cushioned_by, held_back, how_out
@@ -324,9 +324,8 @@ def _flow(machine: MachineModel, wish: Floats) -> tuple[Floats | None, Floats | 
     pump = machine.pump
     if pump is None:
         return None, None
-    shares = np.where(wish > 0.0, wish / machine.speed_positive, -wish / machine.speed_negative)
-    flows = np.where(wish > 0.0, pump.flow_positive, pump.flow_negative)
-    return (shares * flows / pump.flow)[None], np.ones(1)
+    speeds, flows = (machine.speed_positive, machine.speed_negative), (pump.flow_positive, pump.flow_negative)
+    return flow_row(wish, speeds, flows, float(pump.flow)), np.ones(1)
 
 
 def _scale(shares: Floats, wish: Floats) -> float:
