@@ -8,8 +8,8 @@ import numpy as np
 from workgauge.guard.api import GuardInput, GuardResult, Memory, full_stop, unusable
 from workgauge.guard.inside import WORSE_M, Inside, joined
 from workgauge.guard.joints import one_group, within_speed
-from workgauge.guard.plan import MINUS, PLUS, WISH, Flight, Plan, flown
-from workgauge.guard.programme import Solved, share
+from workgauge.guard.plan import MINUS, PLUS, WISH, Flight, Plan, flown, losable
+from workgauge.guard.programme import Solved, flow_row, share
 from workgauge.guard.ranges import lever_ranges, verified_ranges
 from workgauge.guard.seek import Seeker, Sought
 from workgauge.guard.why import cushioned_by, held_back, how_out
@@ -219,7 +219,7 @@ class BarrierGuard:
 
     def _inside(self, around: Surroundings, given: GuardInput, plan: Plan, stop: Stop) -> Inside | None:
         """Return exact measures of what the stop in hand is inside of, None if it is inside of nothing."""
-        if not (stop.rows.slack < -INSIDE_M).any():
+        if stop.least >= -INSIDE_M:
             return None
         return self._measured(around, given, plan, stop)
 
@@ -303,9 +303,8 @@ def _room(rows: Rows, alpha: float, floor_m: float) -> Floats:
     What has none left, but more than -floor_m, may lose `SHORT_M`, the less the nearer it is to that: a motion along
     a face, whose clearance grows to second order only, is none towards it. A command is verified all the same.
     """
-    some = SHORT_M * np.clip(1.0 + rows.slack / floor_m, 0.0, 1.0) if floor_m > 0.0 else 0.0
-    room = np.where(rows.inside, rows.room, np.maximum(rows.room, some))
-    return np.concatenate([np.where(rows.room > 0.0, rows.room, np.inf), room / alpha])
+    found: Floats = losable(rows.room, rows.slack, rows.inside, alpha, floor_m, SHORT_M)
+    return found
 
 
 @functools.lru_cache(maxsize=16)
@@ -329,9 +328,8 @@ def _flow(machine: MachineModel, wish: Floats) -> tuple[Floats | None, Floats | 
     pump = machine.pump
     if pump is None:
         return None, None
-    shares = np.where(wish > 0.0, wish / machine.speed_positive, -wish / machine.speed_negative)
-    flows = np.where(wish > 0.0, pump.flow_positive, pump.flow_negative)
-    return (shares * flows / pump.flow)[None], np.ones(1)
+    speeds, flows = (machine.speed_positive, machine.speed_negative), (pump.flow_positive, pump.flow_negative)
+    return flow_row(wish, speeds, flows, float(pump.flow)), np.ones(1)
 
 
 def _scale(shares: Floats, wish: Floats) -> float:

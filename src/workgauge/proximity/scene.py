@@ -90,7 +90,7 @@ class Scene:
         self.surfaces = {i: number for number, (i, _) in enumerate(self._surfaces)}
         ground = [surface for _, surface in self._surfaces]
         self.hulls = Hulls(self._shapes, np.array(self._radii), self._cells.limits, ground)
-        self.no_triangles = frozen_ints([]), frozen_ints([])
+        self.no_triangles: tuple[Ints, Ints] = np.empty(0, np.int64), np.empty(0, np.int64)
         self.moving = tuple(i for i, limit in enumerate(self.limits) if limit.velocity.any())
         # of two links, the one farther out is the one that moves, the other its limit
         pairs = [(j, i) if self._links[j] > self._links[i] else (i, j) for i, j in machine.self_pairs]
