@@ -142,7 +142,10 @@ class Stop:
         """Return (rows, hulls) of the ground near the ways of the solids that may come near it."""
         scene, clearances, approach = self._around.scene, self.clearances, room[1]
         bands = reached(self._reach, scene.arm.levers)[1]
-        _, _, need, near, low, high = near_way(*going, *room, bands)
+        (T, q, postures, widths, packed), (facts, _, stop_m, margin_m, largest_m) = going, room
+        _, _, need, near, low, high = near_way(
+            T, q, postures, widths, packed, facts, approach, stop_m, margin_m, largest_m, bands
+        )
         more = self._around.largest_m + bands
         rows, hulls = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
         for row in near.tolist():
