@@ -141,7 +141,7 @@ class Stop:
         """Return (rows, hulls) of the ground near the ways of the solids that may come near it."""
         scene, clearances, approach = self._around.scene, self.clearances, room[1]
         bands = reached(self._reach, scene.arm.levers)[1]
-        _, _, need, near, low, high = near_way(*going, *room, bands)
+        _, _, need, near, low, high = near_way(*(*going, *room, bands))
         more = self._around.largest_m + bands
         rows, hulls = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
         for row in near.tolist():
