@@ -183,18 +183,19 @@ def workgauge_step(
             scene,
         )
 
-    state = {"memory": first_memory(config), "ticks": 0}
+    memory, ticks = first_memory(config), 0
     drive = recorded(config, inputs) if late else []
 
     def step(k: int) -> object:
+        nonlocal memory, ticks
         if drive:
             if k % len(drive) == 0:
-                state["memory"] = first_memory(config)
+                memory = first_memory(config)
             seen = drive[k % len(drive)]
         else:
-            state["ticks"] += 1
-            seen = inputs(state["ticks"], given.postures[k % POSTURES], 1.0)
-        _, state["memory"], trace = tick(seen, state["memory"], config)
+            ticks += 1
+            seen = inputs(ticks, given.postures[k % POSTURES], 1.0)
+        _, memory, trace = tick(seen, memory, config)
         return trace
 
     return step
@@ -371,8 +372,8 @@ def main() -> None:
             step = make(given, boxes)
             row[name] = None if step is None else measured(step, min(runs, 300))
         for name in ("pink", "mink"):
-            took = row[f"{name}_ms"]
-            row[f"{name}_over_barrier"] = None if took is None else took / row["barrier_ms"]
+            took, ours_took = row[f"{name}_ms"], row["barrier_ms"]
+            row[f"{name}_over_barrier"] = took / ours_took if took and ours_took else None
         rows.append(row)
         print(row, file=sys.stderr) if not asked.json else None
     ground = workgauge_step(given, [*pole_limits(poles(10)), terrain()])
