@@ -191,7 +191,10 @@ def _bound(
                 if _aimed(p, i, found, arm, pairs, hulls, reach[2], other):
                     there, narrow = corner_slacks(p, i, other, arm, pairs, hulls, doubt, reach, values, rows)
                 turning = _turning(p, i, u, other, arm, pairs, hulls, doubt[6]) if p > 0 else 0.0
-                if there - turning > here:
+                # what turning costs is lost behind as well
+                behind = before - losses[p - 1] if p > 0 and depths[p - 1] == -math.inf else math.inf
+                turned_behind = before - max(losses[p - 1], turning) if behind < math.inf else math.inf
+                if min(there - turning, turned_behind) > min(here, behind):
                     here, tight, lost, u[:] = there, narrow, turning, other
         ways[p], slack[p], losses[p] = u, here, lost
         if tight >= 0.0 and lost == 0.0:
