@@ -26,7 +26,7 @@ def widest(p: int, s: int, other: Any, start: Any, arm: Any, turns: Any, out: An
     """Fill out (3,) with the unit direction along which solid s at posture p has most slack from corners (k, 3).
 
     To within `CLOSE_M`, widths counted; by the algorithm of Gilbert, Johnson and Keerthi from direction `start` (3,),
-    which stays if the two cannot be told apart. turns (n, 4): room.
+    which stays if the two cannot be told apart. turns (n, 8): room.
     """
     simplex, z = np.empty((4, 3)), np.empty(3)
     best, count = -math.inf, 0

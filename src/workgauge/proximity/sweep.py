@@ -248,7 +248,7 @@ def bounds(
 def _touching(p: int, i: int, u: Any, arm: Any, pairs: Any, hulls: Any, turns: Any, rows: Any) -> int:
     """Fill rows (MOST, n) with how the corners of the patch move along u where pair i, of no own link, would touch.
 
-    turns (n, 4): g_j of a point x is `turns[j, :3] . x + turns[j, 3]`. Returns how many there are.
+    turns (n, 8): g_j of a point x is `turns[j, :3] . x + turns[j, 3]`. Returns how many there are.
     """
     s, o = pairs[0][i], pairs[1][i]
     begin, end = hulls[1][o], hulls[1][o + 1]
