@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workgauge.guard.projection import project
 from workgauge.values.arrays import Floats, Ints, frozen
@@ -99,6 +100,7 @@ def way_out(
     *,
     room: Floats | None = None,
     of: Ints | None = None,
+    shy: NDArray[np.bool_] | None = None,
     horizon_s: float = 1.0,
     grip: float = 0.1,
     least_m_s: float = 1e-4,
@@ -117,6 +119,7 @@ def way_out(
         low, high: (n,) joint velocities left, low at most 0, high at least 0; see `room` [rad/s, m/s].
         room: (k,) what each row may lose in all, at least 0; its slack if None [m]. A violated row with room is a
             corner that another one of its solid is deeper than.
+        shy: (k,) rows that in (1) grow as the violated do, though they are not; none if None.
         of: (k,) which limit each row belongs to, so that what pins is said of limits; each to its own if None.
         horizon_s: time over which the others' slack is kept.
         grip: share of the worst's growth, 0 to 1.
@@ -136,7 +139,8 @@ def way_out(
     unit = np.divide(1.0, span, out=np.zeros_like(span), where=span > 0.0)
     bottom, top = low * unit, high * unit
     worst = int(np.argmin(np.where(violated, slack, np.inf)))
-    followed = rates - grip * np.outer(violated & (np.arange(len(slack)) != worst), rates[worst])
+    along = violated if shy is None else violated | shy
+    followed = rates - grip * np.outer(along & (np.arange(len(slack)) != worst), rates[worst])
     for wish, kept in ((rates[worst], followed), (rates[worst], rates)):
         alone = _best(wish, kept, floors, bottom, top)
         if alone.value > least_m_s and _keeps(alone.point, rates, floors):
