@@ -156,8 +156,8 @@ class BarrierGuard:
     ) -> Chosen:
         """Return the shares of a wish that verify.
 
-        Inside a limit, first the whole wish, measured: what leads out of it and comes nearer to nothing else passes as
-        it is. Then what the others' corners leave of it, then what bounds of what is violated leave, and then its
+        Inside a limit, first the whole wish, measured: what leads out of it and comes nearer to nothing else passes.
+        Then what the others' corners leave of it, then what bounds of what is violated leave, and then its
         exact rows, of what refuses a command among them.
         """
         flow_rows, flow_most = _flow(around.machine, wish)

@@ -89,9 +89,9 @@ class Inside:
         postures = self._fine(way)
         for p in order:
             q = postures[p]
-            if not np.array_equal(q, self._postures[p]):
-                if float(self._lost(self.hand[p], self._least(q)).max()) > WORSE_M:
-                    return True
+            same = np.array_equal(q, self._postures[p])
+            if not same and float(self._lost(self.hand[p], self._least(q)).max()) > WORSE_M:
+                return True
         return False
 
     def spares(self, command: Floats, alpha: float) -> bool:
@@ -134,7 +134,7 @@ class Inside:
         return picked(rows, ~seen[clearances.solids, clearances.limits][rows.clearances])
 
     def near(self, rows: Rows) -> Rows:
-        """Return rows of the stop in hand with those of exact clearances instead, for what is near and not judged here.
+        """Return rows of the stop in hand with exact clearances' instead, for what is near and not judged here.
 
         Corners bound a face that turns; the clearance itself moves as its closest point does. So where edges cross,
         ways are left that the corners of both leave none for.

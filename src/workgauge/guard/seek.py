@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workgauge.guard.api import GuardInput
 from workgauge.guard.exit import Exit, Pinned, WayOut, room, way_out
@@ -17,7 +18,7 @@ from workgauge.values.clearances import Clearances
 #: For a way out, a joint is at its end where that leaves less than this share of its speed.
 AT_END = 0.01
 #: What is tried of a way out's speed, one after the other: the shorter a step, the straighter its way.
-SHARES = (1.0, 0.5, 0.2, 0.06, 0.02)
+SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15, 0.1, 0.06, 0.02)
 #: A way out gains at least so much [m/s]; a step along it, this share of what its direction promises.
 LEAST_M_S, KEPT = 1e-3, 0.25
 #: One that gains no more, all clearances together, is a creep: what rounds the valves costs as much [m/s].
@@ -30,8 +31,8 @@ SAME = 1e-4
 ROUNDS = 8
 #: Where bounds refuse a way out, what has less room than this may lose none of it [m].
 TIGHT_M = 0.005
-#: A way out keeps so much of every other slack, one after the other: with none left, a machine whose joints do not act
-#: at once can only creep.
+#: A way out keeps so much of every other slack, one after the other: with none left, a machine whose joints do not
+#: act at once can only creep.
 KEPT_M = (0.005, 0.0)
 
 
@@ -85,8 +86,9 @@ class Seeker:
         exact = joined([self._inside.rows(), self._inside.near(self._stop.rows)])
         found: list[Sought] = []
         best, most = None, -math.inf
-        for rows, kept_m in itertools.product((self._stop.rows, exact), KEPT_M):
-            one = self._followed(rows, speed_share, kept_m)
+        tried = itertools.product((self._stop.rows, exact), KEPT_M, (False, True), self._groups())
+        for rows, kept_m, alike, free in tried:
+            one = self._followed(rows, free, speed_share, kept_m, all_alike=alike)
             if isinstance(one.exit, WayOut) and one.exit.row < 0:
                 return one
             gained = self._inside.gained(one.velocity) if one.velocity.any() else 0.0
@@ -106,17 +108,19 @@ class Seeker:
         """Return what seems to pin the machine, where every way out that the rows promise is refused."""
         if isinstance(found.exit, Pinned):
             return found
-        found = replace(found, velocity=np.zeros(len(self._low)))
         first, of = found.exit.row, self._stop.clearances.limits[found.rows.clearances]
         others = np.flatnonzero(of != of[first])
         second = int(others[np.argmin(found.rows.room[others])]) if len(others) else -1
-        return replace(found, exit=Pinned(first, second, False, max(len(np.unique(of[others])) - 1, 0), (), np.inf))
+        pinned = Pinned(first, second, False, max(len(np.unique(of[others])) - 1, 0), (), np.inf)
+        return replace(found, exit=pinned, velocity=np.zeros(len(self._low)))
 
-    def _followed(self, rows: Rows, speed_share: float, kept_m: float) -> Sought:
+    def _followed(
+        self, rows: Rows, free: NDArray[np.bool_], speed_share: float, kept_m: float, *, all_alike: bool
+    ) -> Sought:
         still, last = np.zeros(len(self._low)), np.full(len(self._low), np.nan)
         for _ in range(ROUNDS):
             acting = self._inside.acting(rows)
-            found = self._best(acting, kept_m)
+            found = self._best(acting, free, kept_m, all_alike=all_alike)
             if isinstance(found, Pinned) or found.row < 0:
                 return Sought(still, found, acting, self._stop.clearances)
             if np.abs(found.velocity - last).max() < SAME:  # what refused it said nothing new
@@ -148,20 +152,23 @@ class Seeker:
         promised = float(rows.rows[found.row] @ command) * self._given.dt_s
         return self._inside.gained(command) >= KEPT * promised or not self._inside.judged.any()
 
-    def _best(self, rows: Rows, kept_m: float) -> Exit:
-        """Return the way out by whichever exclusive group has the best, or what pins the machine."""
-        groups, n = self._given.exclusive_groups, len(self._low)
-        grouped = {j for group in groups for j in group}
-        of = self._stop.clearances.limits[rows.clearances]
+    def _best(self, rows: Rows, free: NDArray[np.bool_], kept_m: float, *, all_alike: bool) -> Exit:
+        """Return the way out by some of the joints, or what pins the machine."""
         others = rows.slack >= 0.0
-        room, shy = np.where(others, np.maximum(rows.room - kept_m, 0.0), rows.room), others & (rows.room < kept_m)
-        found: list[Exit] = []
-        for group in groups or (tuple(range(n)),):
-            free = np.array([j in group or j not in grouped for j in range(n)])
-            box = self._low * free, self._high * free
-            found.append(way_out(rows.rows, rows.slack, *box, room=room, of=of, shy=shy, least_m_s=LEAST_M_S))
-        out = [one for one in found if isinstance(one, WayOut)]
-        return max(out, key=lambda one: one.gain) if out else found[0]
+        return way_out(
+            *(rows.rows, rows.slack, self._low * free, self._high * free),
+            room=np.where(others, np.maximum(rows.room - kept_m, 0.0), rows.room),
+            of=self._stop.clearances.limits[rows.clearances],
+            shy=others & (rows.room < kept_m),
+            all_alike=all_alike,
+            least_m_s=LEAST_M_S,
+        )
+
+    def _groups(self) -> list[NDArray[np.bool_]]:
+        """Return which joints (n,) may move together."""
+        groups, n = self._given.exclusive_groups, len(self._low)
+        shared = [j for j in range(n) if not any(j in group for group in groups)]
+        return [np.isin(np.arange(n), [*group, *shared]) for group in groups or (tuple(range(n)),)]
 
     def _slowest(self, velocity: Floats, rows: Rows) -> float:
         """Return the share of a velocity, 0 to 1, that uses up no more of any slack than a tick may."""

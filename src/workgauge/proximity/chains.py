@@ -43,7 +43,7 @@ class Chains:
         self._of_limit[limit], self._count = first, count
 
     def packed(self) -> tuple[Ints, Floats, Floats, Floats, Floats, np.ndarray, Floats, Floats, Floats, Floats, Ints]:
-        """Return everything as `depths` takes it: the first row of each limit's chain, -1 without, and the columns."""
+        """Return everything as `depths` takes it: the first row of each limit's chain or -1, and the columns."""
         return (
             *(self._of_limit, self._starts, self._frames, self._ends_out, self._lengths, self._straight_on),
             *(self._back, self._ahead, self._radii, self._sections, self._section_starts),

@@ -1,4 +1,4 @@
-"""The least distance of each of the machine's solids to each limit, and nothing else: one compiled call for a posture.
+"""The least distance of each of the machine's solids to each limit, and nothing else, in one compiled call.
 
 The same measure as that of `Scene.query`, without directions and points: `overlap` and `chain` say what it is where
 solids touch. For whoever compares many postures.
@@ -28,9 +28,8 @@ def least_distances(
 
     Args:
         T, poses, halves: as for `search`. found: what that returned. owners: of `packed_cells`. hulls: the hull of
-            each cell, and `Hulls`' corners, starts, radii, normals, faces, edges, edge starts. chains: the first row of
-            each limit's chain or -1, and `Chains`' columns. links: (S,). limits: how many there are; the links of the
-            machine are numbered after them.
+            each cell, and `Hulls`' corners, starts, radii, normals, faces, edges, edge starts. chains: of
+            `Chains`. links: (S,). limits: how many there are; the links of the machine are numbered after them.
     """
     boxes, corners, _, _ = placed(T, poses, halves)
     scalars, _, indices, touching, _ = found
@@ -233,7 +232,8 @@ def _parts_depth(first: int, last: int, chains: Any, body: Any, points: Any, alo
     depth = _depth_in_outline(differences[:total])
     if depth <= 0.0:
         return -math.inf
-    return min(depth, backwards, forwards) + radii[first]
+    least: float = min(depth, backwards, forwards) + radii[first]
+    return least
 
 
 @njit(cache=True)
