@@ -113,8 +113,8 @@ def way_out(
     Three linear programmes over the box, the next only if the one before gains less than `least_m_s`: (1) the worst
     grows as fast as it can while each other violated one grows at least `grip` as fast, unless (2) gains far more: it
     may be that hardly anything moves one of them; (2) while none of the others shrinks; (3) all violated together
-    grow as fast as they can while none shrinks. Clearances that are not violated lose at most their slack per `horizon_s` in all three, and corners of a solid that are less deep than its deepest
-    at most what they have more.
+    grow as fast as they can while none shrinks. Clearances that are not violated lose at most their slack per
+    `horizon_s` in all three, and corners of a solid that are less deep than its deepest at most what they have more.
 
     Args:
         rows: (k, n) `d(distance)/dt = row @ joint velocity` [m/rad, m/m].
