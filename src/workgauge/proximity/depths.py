@@ -72,7 +72,7 @@ def _to_limit(
         if apart > NEARLY_M:
             nearest = min(nearest, apart - radii[hull])
             continue
-        apart = max(_hull_apart(box, body, hull, hulls), apart)
+        apart = max(_hull_apart(box, body, hull, hulls), apart if apart >= 0.0 else -math.inf)
         if apart > NEARLY_M:  # apart, though nearly flat where they are nearest
             towards[0], towards[1], towards[2] = x, y, z
             apart = max(separating(body, other, towards, out), apart)
