@@ -39,16 +39,15 @@ STOP_M = 0.2
 LONGEST_S, STILL_S = 40.0, 1.5
 #: A violated clearance may fall by so much from tick to tick, and in all: rounding, valves in whole steps [m].
 PER_TICK_M, IN_ALL_M = 1e-4, 2e-3
-#: The guard keeps 8 mm besides the stop distance, where this judge keeps none, so what is nearer than that may not come
-#: nearer for the guard either; 1 mm of it is what it approaches ever more slowly. Not 6: then ways
-#: would count that lead through the guard's margin [m].
+#: The guard keeps 8 mm besides the stop distance, where this judge keeps none: what is nearer may not come nearer for
+#: the guard either, and 1 mm more it approaches ever more slowly. With 6, ways would count that lead through its margin.
 IN_THE_WAY_M = 0.009
 #: A way that gains less than this, all violated clearances together, is none [m/s].
 LEAST_GAIN_M_S = 2e-3
 #: A way that leads no farther than this is none: where two corners are about as deep, a turn helps one so far [m].
 FAR_ENOUGH_M = 5e-3
 MACHINES = ("rre20", "brokk5", "sun-a")
-#: Share of starts at whose end the machine stands still though the search finds a way, or without being said pinned.
+#: Share of starts at whose end the machine stands still though the search finds a way, or without being said pinned:
 #: measured, 1 of 200 (a way beside a limit nearer than the guard's margin), so none in a run of 40.
 UNRESOLVED_SHARE = 0.01
 #: A moving start is driven about for so long with its limits off [s].
