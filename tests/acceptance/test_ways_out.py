@@ -40,7 +40,7 @@ LONGEST_S, STILL_S = 40.0, 1.5
 #: A violated clearance may fall by so much from tick to tick, and in all: rounding, valves in whole steps [m].
 PER_TICK_M, IN_ALL_M = 1e-4, 2e-3
 #: The guard keeps 8 mm besides the stop distance, where this judge keeps none: what is nearer may not come nearer
-#: for the guard either, and 1 mm more it approaches ever more slowly. With 6, ways would count through its margin [m].
+#: for the guard either, and 1 mm more it approaches ever more slowly. With 6, ways through its margin count [m].
 IN_THE_WAY_M = 0.009
 #: A way that gains less than this, all violated clearances together, is none [m/s].
 LEAST_GAIN_M_S = 2e-3
