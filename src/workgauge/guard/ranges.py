@@ -68,29 +68,41 @@ def lever_ranges(
 
 
 def verified_ranges(
-    wide: LeverRanges, narrow: LeverRanges, tool_rates: Floats, stands: Callable[[Floats], bool]
+    whole: LeverRanges,
+    wide: LeverRanges,
+    narrow: LeverRanges,
+    tool_rates: Floats,
+    stands: Callable[[Floats], bool],
+    spares: Callable[[Floats], bool],
 ) -> LeverRanges:
-    """Return, for each end, the first that stands of: that of `wide`, of `narrow`, half and a quarter of it, 0.
+    """Return, for each end, the first that stands of: `whole` if spared, `wide`, `narrow`, half and a quarter, 0.
 
     Args:
-        wide, narrow: intervals, those of `narrow` inside the others. tool_rates: as in `lever_ranges`.
-        stands: whether the command of one lever alone (n,) is verified.
+        whole, wide, narrow: intervals, each inside the one before. tool_rates: as in `lever_ranges`.
+        stands: whether the command of one lever alone (n,) is verified. spares: whether it comes near nothing else.
     """
-    n = len(wide.joints_low)
+    n = len(narrow.joints_low)
     units = {"joints": np.eye(n), "tool": np.where(np.isfinite(tool_rates), tool_rates, 0.0)}
     found: dict[str, Any] = {}
     for which, directions in units.items():
         for end in ("low", "high"):
-            far, near = getattr(wide, f"{which}_{end}"), getattr(narrow, f"{which}_{end}")
-            ends, by = np.zeros(len(directions)), np.array(getattr(narrow, f"{which}_{end}_by"))
+            side = f"{which}_{end}"
+            full, far, near = getattr(whole, side), getattr(wide, side), getattr(narrow, side)
+            ends, by = np.zeros(len(directions)), np.array(getattr(narrow, f"{side}_by"))
             for i, direction in enumerate(directions):
-                for speed in (far[i], near[i], 0.5 * near[i], 0.25 * near[i]):
-                    if speed != 0.0 and stands(speed * direction):
+                tried = 0.0
+                for speed in (full[i], far[i], near[i], 0.5 * near[i], 0.25 * near[i]):
+                    if speed in (0.0, tried):
+                        continue
+                    command, tried = speed * direction, speed
+                    if (speed == far[i] or speed != full[i] or spares(command)) and stands(command):
                         ends[i] = speed
                         break
-                if ends[i] == far[i]:
-                    by[i] = getattr(wide, f"{which}_{end}_by")[i]
-            found[f"{which}_{end}"], found[f"{which}_{end}_by"] = ends, by
+                if ends[i] == full[i]:
+                    by[i] = getattr(whole, f"{side}_by")[i]
+                elif ends[i] == far[i]:
+                    by[i] = getattr(wide, f"{side}_by")[i]
+            found[side], found[f"{side}_by"] = ends, by
     for array in found.values():
         freeze(array)
     return LeverRanges(**found)
