@@ -3,8 +3,9 @@
 Every 2 ms of the monotonic clock begins a period. The loop sleeps until then, does its work, and has missed the
 deadline if the work is not done when the next period begins; it goes on with the first period still to come. In the
 one loop the work is a whole tick with the barrier guard: 0.3 s of dead time, 0.2 s of lag, 0.6 s from full speed to
-rest, each known to 20 %, among 10,000 limits (see `tick.py`). In the other there is none: what it misses, computer
-and operating system miss. The two take turns in blocks of a second, so that both see the same computer.
+rest, each known to 20 %, among 10,000 limits, on a recorded drive (see `tick.py`). In the other there is none: what
+it misses, computer and operating system miss. The two take turns in blocks of a second, so that both see the same
+computer.
 
 As in a control loop, everything made before the first period is kept from the garbage collector (`gc.freeze`) and the
 collector is off in the loop: nothing a tick makes refers to itself, so all of it goes when nobody needs it any more.
@@ -51,7 +52,7 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of a line")
-    parser.add_argument("--blocks", type=int, default=60, help="of each loop, a second long")
+    parser.add_argument("--blocks", type=int, default=40, help="of each loop, a second long")
     asked = parser.parse_args()
     step = workgauge_step(job(), pole_limits(poles(LIMITS)), guard="barrier", late=True, dt_s=PERIOD_NS * 1e-9)
     block(step, 0, [])

@@ -9,13 +9,16 @@ poles on both sides, 10 m apart along the track. So the same few are near, wheth
   each clearance gets a protection level of its own; in `workgauge_ms` they are exact.
 - `barrier_ms`: the same as `workgauge_ms` with the barrier guard, and joints that follow their valves at once.
 - `barrier_rollout_ms`: the barrier guard with 0.3 s of dead time, 0.2 s of lag and 0.6 s from full speed to rest,
-  each known to 20 %: every tick rolls all commands in flight out to rest, and once more what it chooses.
+  each known to 20 %: every tick rolls all commands in flight out to rest, and once more what it chooses. Where such
+  joints are depends on what was commanded before: the ticks of a simulated drive, to and fro between the poles by a
+  lever that changes sides every 2.5 s, are recorded and then timed.
 - `pink_ms`: `Configuration.update` with the same boxes and pairs as a pinocchio collision model, then `solve_ik`: a
   posture task for the same joint velocity, joint and speed limits, and `SelfCollisionBarrier`, its barrier for pairs
   of bodies, told to keep only the 16 nearest. No freshness, no drive, no gate.
 - `mink_ms`: `Configuration.update`, then `solve_ik`: the same task and limits, and `CollisionAvoidanceLimit` on the
   same boxes with its broad phase on, searching the same 8 m. By its own rule it leaves out pairs of a limit with the
   undercarriage, which does not move. No freshness, no drive, no gate.
+- `pink_over_barrier`, `mink_over_barrier`: how many times `barrier_ms` they take.
 - `terrain_ms`: the workgauge tick with 10 limits and a terrain of 100,352 triangles as a one-sided surface for all
   links but the undercarriage.
 
@@ -46,6 +49,8 @@ from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
 from workgauge.machine.parts import Stopping
 from workgauge.proximity.scene import Scene
+from workgauge.sim.hydraulics import HydraulicSpec
+from workgauge.sim.joints import HydraulicJoints
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.limits import Limit, LimitKind, Source
 from workgauge.values.measurements import DriveMode, Intent, Levers, MachinePose, Posture, Stamp
@@ -65,6 +70,8 @@ DT_S = 0.02
 POSTURES = 100
 #: Dead time, lag, from full speed to rest [s]; relative tolerance.
 ROLLED_OUT = 0.3, 0.2, 0.6, 0.2
+#: How long a drive of late joints is recorded, and how long a lever stays on one side [s].
+DRIVE_S, SIDE_S = 20.0, 2.5
 POSITION_SIGMA_M, TURN_SIGMA, JOINT_SIGMA = (0.015, 0.015, 0.025), (0.001, 0.001, 0.0026), 0.0018
 
 
@@ -157,34 +164,60 @@ def workgauge_step(
     config: TickConfig = tick_config(given.machine, guard_named(guard), machine_id=ID, dt_s=dt_s, radius_m=SEARCH_M)
     warm_up(config)
     scene = Scene(given.machine, limits)
-    state = {"memory": first_memory(config), "ticks": 0}
     pose = frozen(np.eye(4))
     covariance = frozen(np.diag(np.square([*POSITION_SIGMA_M, *TURN_SIGMA])) * unsure)
     joint_sigma = frozen(np.full(given.machine.n, JOINT_SIGMA) * unsure)
     period_ns = round(dt_s * 1e9)
 
-    def step(k: int) -> object:
-        state["ticks"] += 1
-        now = state["ticks"] * period_ns
+    def inputs(ticks: int, q: Floats, side: float) -> TickInputs:
+        """What enters the tick of this number, from 1."""
+        now = ticks * period_ns
         stamp = Stamp(ID, now, "benchmark")
-        opening = state["ticks"] <= 2  # the switch let go, then pressed with the levers in the middle
-        levers = Levers() if opening else Levers(left_x=0.8, right_y=-0.3)
-        inputs = TickInputs(
+        opening = ticks <= 2  # the switch let go, then pressed with the levers in the middle
+        levers = Levers() if opening else Levers(left_x=0.8 * side, right_y=-0.3 * side)
+        return TickInputs(
             now,
-            Posture(stamp, given.postures[k % POSTURES], joint_sigma),
+            Posture(stamp, q, joint_sigma),
             MachinePose(stamp, pose, covariance),
-            Intent(stamp, DriveMode.JOINT, levers, state["ticks"] > 1),
+            Intent(stamp, DriveMode.JOINT, levers, ticks > 1),
             scene,
         )
-        _, state["memory"], trace = tick(inputs, state["memory"], config)
+
+    memory, ticks = first_memory(config), 0
+    drive = recorded(config, inputs) if late else []
+
+    def step(k: int) -> object:
+        nonlocal memory, ticks
+        if drive:
+            if k % len(drive) == 0:
+                memory = first_memory(config)
+            seen = drive[k % len(drive)]
+        else:
+            ticks += 1
+            seen = inputs(ticks, given.postures[k % POSTURES], 1.0)
+        _, memory, trace = tick(seen, memory, config)
         return trace
 
     return step
 
 
+def recorded(config: TickConfig, inputs: Callable[[int, Floats, float], TickInputs]) -> list[TickInputs]:
+    """Return what enters the ticks of a drive whose joints are as late as the machine's file says."""
+    machine, memory, found = config.machine, first_memory(config), []
+    joints = HydraulicJoints(machine, replace(HydraulicSpec.of_machine(machine), cylinders=()))
+    q = machine.home
+    for k in range(round(DRIVE_S / config.dt_s)):
+        side = 1.0 if int(k * config.dt_s / SIDE_S) % 2 == 0 else -1.0
+        found.append(inputs(k + 1, q, side))
+        memory = tick(found[-1], memory, config)[1]
+        joints.set_valves(memory.valves)
+        q = frozen(joints.advance(config.dt_s, q))
+    return found
+
+
 def check(step: Callable[[int], Any]) -> None:
     """Make sure that the tick being timed is one that moves the machine and slows it at a pole."""
-    traces = [step(k) for k in range(POSTURES)]
+    traces = [step(k) for k in range(5 * POSTURES)]
     assert any(any(trace.valves) for trace in traces[10:]), "the gate never opened"
     assert min(trace.scale for trace in traces[10:]) < 1.0, "nothing was ever near"
 
@@ -338,6 +371,9 @@ def main() -> None:
         for name, make, runs in (("pink_ms", pink_step, 100_000 // count), ("mink_ms", mink_step, 500)):
             step = make(given, boxes)
             row[name] = None if step is None else measured(step, min(runs, 300))
+        for name in ("pink", "mink"):
+            took, ours_took = row[f"{name}_ms"], row["barrier_ms"]
+            row[f"{name}_over_barrier"] = took / ours_took if took and ours_took else None
         rows.append(row)
         print(row, file=sys.stderr) if not asked.json else None
     ground = workgauge_step(given, [*pole_limits(poles(10)), terrain()])

@@ -4,8 +4,10 @@ The judge uses nothing of the guard: clearances are those of `Scene.query`, a wa
 their rows, and believed only if the arm, put a little along it, is better off by `Scene.query` too.
 """
 
+import copy
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -37,15 +39,19 @@ STOP_M = 0.2
 LONGEST_S, STILL_S = 40.0, 1.5
 #: A violated clearance may fall by so much from tick to tick, and in all: rounding, valves in whole steps [m].
 PER_TICK_M, IN_ALL_M = 1e-4, 2e-3
-#: The guard keeps 8 mm besides the stop distance, and comes ever more slowly to it: nearer, it is in the way [m].
+#: The guard keeps 8 mm besides the stop distance, where this judge keeps none: what is nearer may not come nearer
+#: for the guard either, and 1 mm more it approaches ever more slowly. With 6, ways through its margin count [m].
 IN_THE_WAY_M = 0.009
 #: A way that gains less than this, all violated clearances together, is none [m/s].
 LEAST_GAIN_M_S = 2e-3
 #: A way that leads no farther than this is none: where two corners are about as deep, a turn helps one so far [m].
 FAR_ENOUGH_M = 5e-3
 MACHINES = ("rre20", "brokk5", "sun-a")
-#: Share of starts at whose end the machine stands still though the search finds a way, or without being said pinned.
-UNRESOLVED_SHARE = 0.1
+#: Share of starts at whose end the machine stands still though the search finds a way, or without being said pinned:
+#: measured, 1 of 200 (a way beside a limit nearer than the guard's margin), so none in a run of 40.
+UNRESOLVED_SHARE = 0.01
+#: A moving start is driven about for so long with its limits off [s].
+ABOUT_S = 0.6
 #: A joint nearer than this to its end is at it [rad, m].
 AT_END = 5e-3
 LATE = Dynamics(dead_time_s=0.3, lag_s=0.2, stop_s=0.6)
@@ -284,10 +290,11 @@ class Outcome:
     end_s: float = 0.0
     left_m: float = 0.0
     q: Any = None
+    moving: bool = False
 
     @property
     def verdict(self) -> str:
-        if self.worst_tick_m > PER_TICK_M or self.worst_all_m > IN_ALL_M:
+        if (self.worst_tick_m > PER_TICK_M and not self.moving) or self.worst_all_m > IN_ALL_M:
             return "worsened"
         if self.out:
             return "out"
@@ -296,8 +303,24 @@ class Outcome:
         return "pinned" if self.pinned is not None else "silent"
 
 
+def coasted(plant: HydraulicJoints, q: Floats, given: Start, scene: Scene) -> dict[tuple[int, int], float]:
+    """Return the least slack of every pair on the way to rest if nothing is commanded from now on."""
+    plant, lowest = copy.deepcopy(plant), keyed(*slacks(scene, given.machine, given.T, q))
+    plant.set_valves([0] * given.machine.n)
+    for _ in range(round(2.0 / DT_S)):
+        for _ in range(4):
+            q = plant.advance(DT_S / 4, q)
+        for pair, left in keyed(*slacks(scene, given.machine, given.T, q)).items():
+            lowest[pair] = min(lowest.get(pair, math.inf), left)
+    return lowest
+
+
 def driven_out(given: Start, share: float = 1.0) -> Outcome:
-    """Drive out by the exit lever through the tick, and watch every clearance."""
+    """Drive out by the exit lever through the tick, and watch every clearance.
+
+    A start that is moving drives about first, all joints at once, its limits off; what flies when they are switched
+    on may still lead deeper, by so much as it does if nothing is commanded any more.
+    """
     machine, scene, T = given.machine, given.scene(), given.T
     guard = guard_named("barrier")
     config = tick_config(
@@ -310,23 +333,31 @@ def driven_out(given: Start, share: float = 1.0) -> Outcome:
     )
     memory, plant, q = first_memory(config), HydraulicJoints(machine, given.hydraulics), np.array(given.q)
     outcome = Outcome(given.seed, given.kinds, machine.name, searched(scene, machine, T, q) is not None)
+    outcome.moving = given.moving
     off = frozenset(limit.activity.state for limit in given.limits)
     best: dict[tuple[int, int], float] = {}
     before: dict[tuple[int, int], float] = {}
-    still_s = 0.0
+    still_s, on = 0.0, 2 + (round(ABOUT_S / DT_S) if given.moving else 0)
+    about = np.random.default_rng(given.seed + 10_000).uniform(-1.0, 1.0, 6)
     for k in range(round(LONGEST_S / DT_S)):
+        if k == on and given.moving:
+            best = coasted(plant, q, given, scene)
+            before = dict(best)
         now = round(k * DT_S * 1e9)
         stamp = Stamp("m", now, "test", now)
-        enable, lever = k > 0, share if k > 1 else 0.0
-        intent = Intent(stamp, DriveMode.EXIT, Levers(right_y=lever), enable)
+        intent = Intent(stamp, DriveMode.EXIT, Levers(right_y=share if k >= on else 0.0), k > 0)
+        if 1 < k < on:
+            intent = Intent(stamp, DriveMode.JOINT, Levers(*about.tolist()), enable=True)
         inputs = TickInputs(
-            now, Posture.exact(stamp, q), MachinePose.exact(stamp, T), intent, scene, off if k < 2 else frozenset()
+            now, Posture.exact(stamp, q), MachinePose.exact(stamp, T), intent, scene, off if k < on else frozenset()
         )
         _, memory, trace = tick(inputs, memory, config)
         plant.set_valves(memory.valves)
         for _ in range(4):
             q = plant.advance(DT_S / 4, q)
         found, slack = slacks(scene, machine, T, q)
+        if k < on and given.moving:
+            continue
         by = keyed(found, slack)
         for pair, left in by.items():
             fell, fell_all = min(before.get(pair, left), 0.0) - left, min(best.get(pair, left), 0.0) - left
@@ -336,8 +367,9 @@ def driven_out(given: Start, share: float = 1.0) -> Outcome:
                     f"{machine.solids[pair[0]].name} {found.limit_ids[pair[1]]} t={k * DT_S:.2f}",
                 )
             outcome.worst_all_m = max(outcome.worst_all_m, fell_all)
-            best[pair] = max(best.get(pair, -math.inf), left)
-        before = by
+            if not given.moving:
+                best[pair] = max(best.get(pair, -math.inf), left)
+        before = before if given.moving else by
         still_s = 0.0 if any(memory.valves) or np.abs(plant.velocity).max() > 1e-4 else still_s + DT_S
         outcome.left_m = float(slack.min(initial=1.0))
         if still_s > STILL_S or (outcome.left_m >= 0.0 and still_s > 0.2):
@@ -359,26 +391,43 @@ def judged(outcomes: list[Outcome]) -> Counter[str]:
     return Counter(one.verdict for one in outcomes)
 
 
-def check(count: int) -> None:
-    outcomes = [driven_out(start(seed)) for seed in range(count)]
+def moving(seed: int) -> Start:
+    """Return a start with joints that stop late, and that move when its limits come to count."""
+    found = start(seed)
+    rng = np.random.default_rng(seed)
+    machine = believed_machine(load_machine(MACHINES[seed % 3]), LATE, rng)
+    return replace(found, machine=machine, hydraulics=true_hydraulics(machine, LATE, rng), moving=True)
+
+
+def check(seeds: range, starting: Callable[[int], Start] = start) -> None:
+    outcomes = [driven_out(starting(seed)) for seed in seeds]
     tally = judged(outcomes)
     print(dict(tally))
     for one in outcomes:
-        assert one.worst_tick_m <= PER_TICK_M and one.worst_all_m <= IN_ALL_M, (one.seed, one.where)
+        assert one.verdict != "worsened", (one.seed, one.where)
         if not one.out:
             assert any(text.startswith(("pinned", "way_out")) for text in one.texts), one
         if one.verdict == "pinned":
             assert one.pinned is not None
             named = [limit for limit in start(one.seed).limits if any(limit.id in text for text in one.texts)]
             assert named
-    assert tally["stuck"] + tally["silent"] <= UNRESOLVED_SHARE * count, tally
-    assert tally["out"] >= 0.5 * count
+    assert tally["stuck"] + tally["silent"] <= UNRESOLVED_SHARE * len(seeds), tally
+    assert tally["out"] >= 0.5 * len(seeds)
 
 
 def test_out_of_one_or_two_limits_without_any_of_them_worsening() -> None:
-    check(15)
+    check(range(40))
+
+
+def test_what_flies_when_a_limit_is_switched_on_leads_no_deeper_than_it_must() -> None:
+    check(range(200, 212), moving)
 
 
 @pytest.mark.prove
 def test_out_of_one_or_two_limits_without_any_of_them_worsening_a_thousand_times() -> None:
-    check(1000)
+    check(range(1000))
+
+
+@pytest.mark.prove
+def test_what_flies_when_a_limit_is_switched_on_leads_no_deeper_than_it_must_three_hundred_times() -> None:
+    check(range(200, 500), moving)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -197,6 +197,7 @@ def grows(scene, q, velocity, seconds):
 
 @settings(max_examples=60, deadline=None)
 @given(seed=seeds, name=names, dynamics=st.sampled_from([(), (0.3, 0.2, 0.6), (0.3, 0.2, 0.6, 0.3, 3.0)]))
+@example(seed=107525, name="brokk5", dynamics=(0.3, 0.2, 0.6))  # along a face, away from it to second order only
 def test_backing_away_from_everything_is_free(seed, name, dynamics):
     """One lever by itself, or on a machine that follows at once any of them; but for the joints' own ends."""
     rng, guard = np.random.default_rng(seed), BarrierGuard()
@@ -219,7 +220,6 @@ def test_backing_away_from_everything_is_free(seed, name, dynamics):
             assert np.array_equal(result.allowed, wish) and result.reasons == ()
 
 
-@pytest.mark.xfail(strict=False, reason="the law; held in about one of fifty such motions, see the survey below")
 @settings(max_examples=40, deadline=None)
 @given(seed=seeds, name=names, dynamics=st.sampled_from([(), (0.3, 0.2, 0.6)]))
 def test_inside_a_limit_what_makes_every_clearance_grow_is_free(seed, name, dynamics):

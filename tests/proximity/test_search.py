@@ -8,10 +8,13 @@ from numpy.testing import assert_array_equal
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from workgauge.machine.load import load_machine
 from workgauge.proximity.closest import closest
 from workgauge.proximity.scene import Scene
 from workgauge.proximity.tree import Tree, inside
-from workgauge.values.limits import Activity
+from workgauge.values.arrays import frozen, frozen_ints
+from workgauge.values.limits import Activity, Limit, LimitKind, Source
+from workgauge.values.solids import Box, Convex, Tube
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -110,3 +113,41 @@ def test_what_counts_is_what_every_limit_says_of_itself(make, facts, now, off, l
         if limit.counts(now, off, let_off) and link not in limit.exempt_links
     ]
     assert [(one.link, one.limit) for one in found] == expected
+
+
+def crowded(seed):
+    """A machine deep inside, beside and touching limits of every kind, and some of its postures."""
+    rng = np.random.default_rng(seed)
+    machine = load_machine(("rre20", "brokk5", "sun-a")[seed % 3])
+    q = rng.uniform(machine.sample_min, machine.sample_max)
+    poses, _ = machine.solid_poses(machine.forward(q))
+    places, source = poses[rng.integers(0, len(poses), 4), :3, 3] + rng.normal(size=(4, 3)) * 0.5, Source("test", "l")
+    steps = rng.normal(size=(3, 3)) * (2.0, 2.0, 0.5)
+    axis = np.cumsum(np.concatenate([places[1:2], steps]), axis=0)
+    corners = places[2] + rng.normal(size=(12, 3))
+    turn = np.eye(4)
+    turn[:3, :3], turn[:3, 3] = Rotation.random(rng=rng).as_matrix(), places[0]
+    kept = ConvexHull(corners)
+    order = np.unique(kept.simplices)
+    faces = np.searchsorted(order, kept.simplices)
+    a, b, c = (corners[order][faces[:, i]] for i in range(3))
+    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), kept.equations[:, :3]) < 0.0
+    faces = np.where(inwards[:, None], faces[:, ::-1], faces)
+    solids = (
+        Box(frozen(turn), frozen(rng.uniform(0.1, 3.0, 3))),
+        Tube(frozen(axis), float(rng.uniform(0.05, 0.6))),
+        Convex(frozen(corners[order]), frozen_ints(faces)),
+    )
+    limits = [Limit(f"l{i}", LimitKind.ZONE, "l", solid, "test", source) for i, solid in enumerate(solids)]
+    return machine, Scene(machine, limits), [q + rng.normal(size=machine.n) * 0.05 for _ in range(4)]
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_the_least_distances_are_those_of_the_clearances(seed):
+    machine, scene, postures = crowded(seed)
+    for q in postures:
+        kin = machine.forward(q)
+        found, least = scene.query(kin, np.eye(4), 2.0), scene.least(kin, np.eye(4), 2.0)
+        expected = np.full(least.shape, np.inf)
+        np.minimum.at(expected, (found.solids, found.limits), found.distances)
+        np.testing.assert_allclose(least, expected, rtol=0.0, atol=1e-8)

@@ -22,12 +22,16 @@ def ramped(
     jumps = [(0, 0)] * len(wanted) if jump is None else jump
     numerator, denominator = 1, 1
     for before, valve, step, (up, down) in zip(previous, wanted, max_step, jumps, strict=True):
+        if not valve:
+            continue
         room = step + (max(before - up, 0) if valve > 0 else max(-before - down, 0))
         beyond = valve - up if valve > 0 else -valve - down
         if beyond * numerator > room * denominator:
             numerator, denominator = room, beyond
     return tuple(
-        _scaled(valve, up, numerator, denominator) if valve > 0 else -_scaled(-valve, down, numerator, denominator)
+        (_scaled(valve, up, numerator, denominator) if valve > 0 else -_scaled(-valve, down, numerator, denominator))
+        if valve
+        else 0
         for valve, (up, down) in zip(wanted, jumps, strict=True)
     )
 

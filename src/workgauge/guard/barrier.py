@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from workgauge.guard.api import GuardInput, GuardResult, Memory, full_stop, unusable
-from workgauge.guard.inside import WORSE_M, Inside, joined
+from workgauge.guard.inside import Inside, joined, picked
 from workgauge.guard.joints import one_group, within_speed
-from workgauge.guard.plan import MINUS, PLUS, WISH, Flight, Plan, flown
-from workgauge.guard.programme import Solved, share
+from workgauge.guard.plan import MINUS, PLUS, WISH, Flight, Plan, flown, losable
+from workgauge.guard.programme import Solved, flow_row, share
 from workgauge.guard.ranges import lever_ranges, verified_ranges
 from workgauge.guard.seek import Seeker, Sought
 from workgauge.guard.why import cushioned_by, held_back, how_out
@@ -161,15 +161,16 @@ class BarrierGuard:
     ) -> Chosen:
         """Return the shares of a wish that verify.
 
-        Inside a limit, first those that only the others leave: a wish that leads out passes as it is. Then those that
-        bounds of what is violated leave, and then those of its exact rows, of what refuses a command among them.
+        Inside a limit, first the whole wish, measured: what leads out of it and comes nearer to nothing else passes.
+        Then what the others' corners leave of it, then what bounds of what is violated leave, and then its
+        exact rows, of what refuses a command among them.
         """
         flow_rows, flow_most = _flow(around.machine, wish)
         alpha = min(given.dt_s / self.ease_s, 1.0)
 
         def solved(rows: Rows) -> Solved:
             return share(
-                *(plan.changes(rows)[WISH], _room(rows, alpha), alpha),
+                *(plan.changes(rows)[WISH], _room(rows, alpha, 0.25 * self.margin_m), alpha),
                 keep_direction=given.keep_direction,
                 flow_rows=flow_rows,
                 flow_most=flow_most,
@@ -180,10 +181,19 @@ class BarrierGuard:
             first = solved(stop.rows)
             return Chosen(stop.rows, first, self._verified(plan, stop, None, first.s * wish, TRIALS))
         others = inside.outside(stop.rows)
+        if (
+            given.exit_share is not None
+        ):  # a way out that was sought and verified: but for the pump and the joints' ends
+            none = picked(others, np.zeros(len(others.slack), np.bool_))
+            first = solved(none)
+            return Chosen(none, first, self._verified(plan, stop, inside, first.s * wish, EXIT_TRIALS))
+        far = inside.beyond(stop.rows)
+        first = solved(far)
+        if inside.spares(first.s * wish, alpha) and self._stands(plan, stop, inside, first.s * wish):
+            return Chosen(far, first, 1.0)
         first = solved(others)
-        trials = EXIT_TRIALS if given.exit_share is not None else ()
-        found = Chosen(others, first, self._verified(plan, stop, inside, first.s * wish, trials))
-        if found.kept or given.exit_share is not None:
+        found = Chosen(others, first, self._verified(plan, stop, inside, first.s * wish, ()))
+        if found.kept:
             return found
         bound = solved(stop.rows)
         found = Chosen(stop.rows, bound, self._verified(plan, stop, inside, bound.s * wish, TRIALS))
@@ -208,7 +218,7 @@ class BarrierGuard:
         def ranges(rows: Rows) -> LeverRanges:
             changes = plan.changes(rows)
             return lever_ranges(
-                *(changes[PLUS], changes[MINUS], _room(rows, alpha), alpha),
+                *(changes[PLUS], changes[MINUS], _room(rows, alpha, 0.25 * self.margin_m), alpha),
                 *(given.speed_positive, given.speed_negative, np.asarray(given.tool_rates)),
                 ends_positive=plan.ends[PLUS],
                 ends_negative=plan.ends[MINUS],
@@ -218,13 +228,15 @@ class BarrierGuard:
         if inside is None:
             return ranges(stop.rows)
         return verified_ranges(
-            *(ranges(inside.outside(stop.rows)), ranges(stop.rows), np.asarray(given.tool_rates)),
+            *(ranges(inside.beyond(stop.rows)), ranges(inside.outside(stop.rows)), ranges(stop.rows)),
+            np.asarray(given.tool_rates),
             lambda command: self._stands(plan, stop, inside, command),
+            lambda command: inside.spares(command, alpha),
         )
 
     def _inside(self, around: Surroundings, given: GuardInput, plan: Plan, stop: Stop) -> Inside | None:
         """Return exact measures of what the stop in hand is inside of, None if it is inside of nothing."""
-        if not (stop.rows.slack < -INSIDE_M).any():
+        if stop.least >= -INSIDE_M:
             return None
         return self._measured(around, given, plan, stop)
 
@@ -261,7 +273,8 @@ class BarrierGuard:
         self, around: Surroundings, given: GuardInput, motion: tuple[Rollout, Flight, Floats]
     ) -> Sought | None:
         """Return the command that leads out of what the machine would come to rest inside of, and how."""
-        plan, stop = self._rolled(around, given, motion, np.zeros(motion[0].n))
+        every = np.maximum(given.speed_positive, given.speed_negative)  # whatever the way out may come near
+        plan, stop = self._rolled(around, given, motion, every)
         if not (stop.rows.slack < 0.0).any():
             return None
         seeker = self._seeker(given, plan, stop, self._measured(around, given, plan, stop))
@@ -299,12 +312,17 @@ class BarrierGuard:
         way, judged = plan.way_after(command), None if inside is None else inside.judged
         if stop.shortfall(way, 0.25 * self.margin_m, judged) > SHORT_M:
             return False
-        return inside is None or inside.worse(way) <= WORSE_M
+        return inside is None or not inside.worsens(way)
 
 
-def _room(rows: Rows, alpha: float) -> Floats:
-    """Return what each row of `Plan.changes` may lose, as the programme counts: a share alpha of what is here."""
-    return np.concatenate([np.where(rows.room > 0.0, rows.room, np.inf), rows.room / alpha])
+def _room(rows: Rows, alpha: float, floor_m: float) -> Floats:
+    """Return what each row of `Plan.changes` may lose, as the programme counts: a share alpha of what is here.
+
+    What has none left, but more than -floor_m, may lose `SHORT_M`, the less the nearer it is to that: a motion along
+    a face, whose clearance grows to second order only, is none towards it. A command is verified all the same.
+    """
+    found: Floats = losable(rows.room, rows.slack, rows.inside, alpha, floor_m, SHORT_M)
+    return found
 
 
 @functools.lru_cache(maxsize=16)
@@ -328,9 +346,8 @@ def _flow(machine: MachineModel, wish: Floats) -> tuple[Floats | None, Floats | 
     pump = machine.pump
     if pump is None:
         return None, None
-    shares = np.where(wish > 0.0, wish / machine.speed_positive, -wish / machine.speed_negative)
-    flows = np.where(wish > 0.0, pump.flow_positive, pump.flow_negative)
-    return (shares * flows / pump.flow)[None], np.ones(1)
+    speeds, flows = (machine.speed_positive, machine.speed_negative), (pump.flow_positive, pump.flow_negative)
+    return flow_row(wish, speeds, flows, float(pump.flow)), np.ones(1)
 
 
 def _scale(shares: Floats, wish: Floats) -> float:

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workgauge.guard.projection import project
 from workgauge.values.arrays import Floats, Ints, frozen
@@ -17,6 +18,8 @@ FAR_OFF = 1e4
 DEEPEST_M = 1e-3
 #: A multiplier below this share of the greatest takes no part in pinning.
 TAKES_PART = 1e-6
+#: That the others follow may cost the worst no more than down to this share of its growth.
+FOLLOWED = 0.1
 #: No clearance shrinks this fast [m/s].
 _ENOUGH_M_S = 1e6
 
@@ -99,6 +102,8 @@ def way_out(
     *,
     room: Floats | None = None,
     of: Ints | None = None,
+    shy: NDArray[np.bool_] | None = None,
+    all_alike: bool = False,
     horizon_s: float = 1.0,
     grip: float = 0.1,
     least_m_s: float = 1e-4,
@@ -106,10 +111,10 @@ def way_out(
     """Return the fastest way for the worst clearance that worsens none of the violated, or what leaves none.
 
     Three linear programmes over the box, the next only if the one before gains less than `least_m_s`: (1) the worst
-    grows as fast as it can while each other violated one grows at least `grip` as fast; (2) while none of the others
-    shrinks; (3) all violated together grow as fast as they can while none shrinks. Clearances that are not violated
-    lose at most their slack per `horizon_s` in all three, and corners of a solid that are less deep than its deepest
-    at most what they have more.
+    grows as fast as it can while each other violated one grows at least `grip` as fast, unless (2) gains far more: it
+    may be that hardly anything moves one of them; (2) while none of the others shrinks; (3) all violated together
+    grow as fast as they can while none shrinks. Clearances that are not violated lose at most their slack per
+    `horizon_s` in all three, and corners of a solid that are less deep than its deepest at most what they have more.
 
     Args:
         rows: (k, n) `d(distance)/dt = row @ joint velocity` [m/rad, m/m].
@@ -117,6 +122,8 @@ def way_out(
         low, high: (n,) joint velocities left, low at most 0, high at least 0; see `room` [rad/s, m/s].
         room: (k,) what each row may lose in all, at least 0; its slack if None [m]. A violated row with room is a
             corner that another one of its solid is deeper than.
+        shy: (k,) rows that in (1) grow as the violated do, though they are not; none if None.
+        all_alike: whether (3) is asked at once: what leads out of the rest may hardly move the worst.
         of: (k,) which limit each row belongs to, so that what pins is said of limits; each to its own if None.
         horizon_s: time over which the others' slack is kept.
         grip: share of the worst's growth, 0 to 1.
@@ -136,11 +143,13 @@ def way_out(
     unit = np.divide(1.0, span, out=np.zeros_like(span), where=span > 0.0)
     bottom, top = low * unit, high * unit
     worst = int(np.argmin(np.where(violated, slack, np.inf)))
-    followed = rates - grip * np.outer(violated & (np.arange(len(slack)) != worst), rates[worst])
-    for wish, kept in ((rates[worst], followed), (rates[worst], rates)):
-        alone = _best(wish, kept, floors, bottom, top)
-        if alone.value > least_m_s and _keeps(alone.point, rates, floors):
-            return WayOut(frozen(alone.point * span), float(rates[worst] @ alone.point), worst)
+    along = violated if shy is None else violated | shy
+    followed = rates - grip * np.outer(along & (np.arange(len(slack)) != worst), rates[worst])
+    alone = _best(rates[worst], rates, floors, bottom, top)
+    both = _best(rates[worst], followed, floors, bottom, top)
+    for found in (both, alone) if both.value >= FOLLOWED * alone.value else (alone,):
+        if found.value > least_m_s and not all_alike and _keeps(found.point, rates, floors):
+            return WayOut(frozen(found.point * span), float(rates[worst] @ found.point), worst)
     together = _best(rates[violated].sum(axis=0), rates, floors, bottom, top)
     if together.value > least_m_s and _keeps(together.point, rates, floors):
         gains = np.where(violated, rates @ together.point, -np.inf)

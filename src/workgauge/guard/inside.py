@@ -6,12 +6,12 @@ and after, and may be compared.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from workgauge.guard.plan import Plan
+from workgauge.guard.plan import MINUS, PLUS, Plan
 from workgauge.proximity.stops import Rows, Stop, Way
 from workgauge.proximity.surroundings import Surroundings
 from workgauge.values.arrays import Floats, Ints
@@ -23,23 +23,12 @@ WORSE_M = 1e-6
 SPACING_M = 0.05
 #: At most so many postures are measured between two that are looked at anyway.
 _MOST_BETWEEN = 8
+#: What has less slack than this is measured, too, though it is not violated [m].
+NEAR_M = 0.15
 #: A command of which less than this share acts by then does not act yet.
 _ACTS = 1e-6
 #: Joints known better than this are known [rad, m].
 _SURE = 1e-7
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Measured:
-    """Clearances at one posture, of each solid and limit the least.
-
-    Attributes:
-        clearances: as measured. least: (S, L) slack, infinite where nothing is near [m]. slack: (k,) of each [m].
-    """
-
-    clearances: Clearances
-    least: Floats
-    slack: Floats
 
 
 class Inside:
@@ -47,7 +36,8 @@ class Inside:
 
     Slack is what a clearance has above its stop distance, protection level and the guard's margin; it is violated
     below `-floor_m`. Where nobody knows exactly how far the joints will go on, it is measured in the middle of where
-    they may be, and at both ends of it: as if what is in flight went on least, and most.
+    they may be, and at both ends of it: as if what is in flight went on least, and most. Protection levels are those
+    of the present.
 
     Args:
         around: the surroundings. q: (n,) the present posture. plan: whose way to rest without a command is the stop
@@ -69,63 +59,106 @@ class Inside:
     ) -> None:
         self._around, self._plan, self._stop = around, plan, stop
         self._default_m, self._margin_m, self._floor_m = stop_distance_m, margin_m, floor_m
-        self._radius_m = max(stop_distance_m, around.scene.largest_stop_m) + margin_m + around.largest_m + 0.01
+        self._radius_m = max(stop_distance_m, around.scene.largest_stop_m) + margin_m + around.largest_m + NEAR_M
         self._of, self._share = _between(plan.way, around.scene.arm.farthest)
         self._onwards = np.sign(plan.way.postures - q)
         self._ends = (0.0, -1.0, 1.0) if (plan.way.widths * np.abs(self._onwards) > _SURE).any() else (0.0,)
         self._postures = self._fine(plan.way)
         self._acts = plan.acts()
-        self._known: dict[bytes, Measured] = {}
-        self.hand = [self._measured(q) for q in self._postures]
-        least = np.minimum.reduce([one.least for one in self.hand])
-        self.violated = least < -floor_m
+        self._stops, self._protections = self._kept(stop.clearances)
+        self._known: dict[bytes, Floats] = {}
+        self._looked: dict[bytes, tuple[Clearances, Floats]] = {}
+        #: (S, L) slack of each solid and limit at each posture measured, infinite where nothing is near [m].
+        self.hand = [self._least(q) for q in self._postures]
+        self.violated = np.minimum.reduce(self.hand) < -floor_m
         clearances = stop.clearances
-        self._at = np.full(least.shape, -1)
+        self._at = np.full(self.violated.shape, -1)
         order = np.argsort(-clearances.distances, kind="stable")
         self._at[clearances.solids[order], clearances.limits[order]] = order
         #: (k,) whether each of the present's clearances is violated somewhere on the way, and so judged here.
         self.judged: NDArray[np.bool_] = self.violated[clearances.solids, clearances.limits]
 
-    def worse(self, way: Way) -> float:
-        """Return by how much the violated clearance that suffers most is smaller after another way [m]."""
-        worst = -math.inf
-        for hand, q, before in zip(self.hand, self._fine(way), self._postures, strict=True):
-            if not np.array_equal(q, before):
-                worst = max(worst, float(self._lost(hand, self._measured(q)).max()))
-        return worst
+    @property
+    def at_rest(self) -> Floats:
+        """Slack (S, L) at the end of the stop in hand [m]."""
+        return self.hand[len(self._of) - 1]
+
+    def worsens(self, way: Way) -> bool:
+        """Return whether any violated clearance is smaller on another way; its end is looked at first."""
+        order = [len(self._of) - 1, *range(len(self._of) - 1), *range(len(self._of), len(self._postures))]
+        postures = self._fine(way)
+        for p in order:
+            q = postures[p]
+            same = np.array_equal(q, self._postures[p])
+            if not same and float(self._lost(self.hand[p], self._least(q)).max()) > WORSE_M:
+                return True
+        return False
+
+    def spares(self, command: Floats, alpha: float) -> bool:
+        """Return whether a command (n,) uses up no more than a share of any slack that is not violated."""
+        for hand, q in zip(self.hand, self._fine(self._plan.way_after(command)), strict=True):
+            lost = np.minimum(hand, NEAR_M) - self._least(q)
+            if ((lost > alpha * np.maximum(hand, 0.0) + WORSE_M) & ~self.violated).any():
+                return False
+        return True
 
     def gained(self, command: Floats) -> float:
         """Return by how much all that is violated at rest grows together by a command (n,) [m]."""
-        hand, after = (
-            self.hand[len(self._of) - 1],
-            self._measured(self._fine(self._plan.way_after(command))[len(self._of) - 1]),
-        )
-        counts = hand.least < -self._floor_m
-        return float((np.minimum(after.least, 0.0) - hand.least)[counts].sum())
+        after = self._least(self._fine(self._plan.way_after(command))[len(self._of) - 1])
+        counts = self.at_rest < -self._floor_m
+        return float((np.minimum(after, 0.0) - self.at_rest)[counts].sum())
 
     def cuts(self, command: Floats) -> Rows:
         """Return the rows of what a command (n,) makes worse, where it does, each of which may lose nothing."""
         found, way = [], self._plan.way_after(command)
         for p, (hand, q) in enumerate(zip(self.hand, self._fine(way), strict=True)):
-            after = self._measured(q)
-            spoilt = self._lost(hand, after) > WORSE_M
-            which = spoilt[after.clearances.solids, after.clearances.limits]
-            found.append(self._rows(q, p, after, which, np.zeros(len(after.slack))))
-        return joined(found)
+            spoilt = self._lost(hand, self._least(q)) > WORSE_M
+            if spoilt.any():
+                seen, _ = self._seen(q)
+                which = spoilt[seen.solids, seen.limits]
+                found.append(self._rows(q, p, seen, which, np.zeros(len(seen))))
+        return joined(found) if found else picked(self._stop.rows, np.zeros(len(self._stop.rows.slack), np.bool_))
 
     def rows(self) -> Rows:
         """Return the rows of what is violated along the stop in hand, where a command may still change it."""
         found = []
-        for p, (hand, q) in enumerate(zip(self.hand, self._postures, strict=True)):
-            which = hand.slack < -self._floor_m
-            found.append(self._rows(q, p, hand, which, hand.slack))
+        for p, q in enumerate(self._postures):
+            seen, slack = self._seen(q)
+            found.append(self._rows(q, p, seen, slack < -self._floor_m, slack))
         return joined(found)
+
+    def beyond(self, rows: Rows) -> Rows:
+        """Return those of the rows of the stop in hand that belong to what is not near anywhere along it."""
+        seen = np.minimum.reduce(self.hand) < np.inf
+        clearances = self._stop.clearances
+        return picked(rows, ~seen[clearances.solids, clearances.limits][rows.clearances])
+
+    def near(self, rows: Rows) -> Rows:
+        """Return rows of the stop in hand with exact clearances' instead, for what is near and not judged here.
+
+        Corners bound a face that turns; the clearance itself moves as its closest point does. So where edges cross,
+        ways are left that the corners of both leave none for.
+        """
+        found = []
+        for p, q in enumerate(self._postures[: len(self._of)]):
+            seen, slack = self._seen(q)
+            which = ~self.violated[seen.solids, seen.limits]
+            exact = self._rows(q, p, seen, which, np.maximum(slack, 0.0))
+            found.append(replace(exact, room=exact.slack))
+        exact = joined(found)
+        others = self.outside(rows)
+        return joined([exact, picked(others, ~np.isin(others.clearances, exact.clearances))])
 
     def acting(self, rows: Rows) -> Rows:
         """Return rows as far as a command acts at their postures; without those where it does not yet."""
         acts = self._acts[rows.postures]
         does: NDArray[np.bool_] = np.any(acts > _ACTS, axis=1)
         return picked(replace(rows, rows=rows.rows * acts), does)
+
+    def changes(self, rows: Rows) -> tuple[Floats, Floats]:
+        """Return by how much every joint's full positive and negative speed change slacks, see `Plan.changes`."""
+        found = self._plan.changes(rows)
+        return found[PLUS], found[MINUS]
 
     def outside(self, rows: Rows) -> Rows:
         """Return those of the rows of the stop in hand that are not judged here; none of them counts as violated."""
@@ -141,26 +174,42 @@ class Inside:
             found.append(coarse[self._of] + self._share[:, None] * (coarse[after] - coarse[self._of]))
         return np.concatenate(found)
 
-    def _measured(self, q: Floats) -> Measured:
+    def _kept(self, present: Clearances) -> tuple[Floats, Floats]:
+        """Return what is kept to each limit (L,), and the protection level of each solid and limit (S, L) [m]."""
+        scene = self._around.scene
+        stops = np.where(np.isnan(scene.stop_distances), self._default_m, scene.stop_distances)
+        levels = np.full((len(scene.machine.solids), len(stops)), self._around.largest_m)
+        if len(present):
+            known = np.full(levels.shape, -np.inf)
+            np.maximum.at(known, (present.solids, present.limits), present.protections)
+            levels = np.where(known >= 0.0, known, levels)
+        return stops + self._margin_m, levels
+
+    def _least(self, q: Floats) -> Floats:
         key = q.tobytes()
         if key not in self._known:
-            clearances = self._around.look(self._around.machine.forward(q), self._radius_m)
-            stops = np.where(np.isnan(clearances.stop_distances), self._default_m, clearances.stop_distances)
-            slack = clearances.distances - clearances.protections - stops - self._margin_m
-            least = np.full((len(self._around.machine.solids), len(clearances.limit_ids)), np.inf)
-            np.minimum.at(least, (clearances.solids, clearances.limits), slack)
-            self._known[key] = Measured(clearances, least, slack)
+            distances = self._around.least(self._around.machine.forward(q), self._radius_m)
+            self._known[key] = distances - self._protections - self._stops
         return self._known[key]
 
-    def _lost(self, hand: Measured, after: Measured) -> Floats:
+    def _seen(self, q: Floats) -> tuple[Clearances, Floats]:
+        """Return the clearances at a posture, and the slack of each (k,)."""
+        key = q.tobytes()
+        if key not in self._looked:
+            found = self._around.look(self._around.machine.forward(q), self._radius_m)
+            slack = found.distances - self._protections[found.solids, found.limits] - self._stops[found.limits]
+            self._looked[key] = found, slack
+        return self._looked[key]
+
+    def _lost(self, hand: Floats, after: Floats) -> Floats:
         """Return (S, L) by how much each slack falls short of what it was, or of what must be left."""
-        lost: Floats = np.minimum(hand.least, -self._floor_m) - after.least
+        lost: Floats = np.minimum(hand, -self._floor_m) - after
         return lost
 
-    def _rows(self, q: Floats, p: int, seen: Measured, which: NDArray[np.bool_], slack: Floats) -> Rows:
-        machine, clearances = self._around.machine, seen.clearances
-        rows = machine.distance_rows(machine.forward(q), self._around.T_site_machine, clearances)
-        at = self._at[clearances.solids, clearances.limits]
+    def _rows(self, q: Floats, p: int, seen: Clearances, which: NDArray[np.bool_], slack: Floats) -> Rows:
+        machine = self._around.machine
+        rows = machine.distance_rows(machine.forward(q), self._around.T_site_machine, seen)
+        at = self._at[seen.solids, seen.limits]
         which = which & (at >= 0)
         k, p = int(which.sum()), p % len(self._of)
         posture = self._of[p] + int(self._share[p] > 0.0)

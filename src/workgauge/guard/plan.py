@@ -9,7 +9,7 @@ import numpy as np
 from workgauge.guard.api import GuardInput, Memory
 from workgauge.machine.rollout import Rollout, advance, roll
 from workgauge.proximity.stops import Rows, Way
-from workgauge.values.arrays import Floats, freeze
+from workgauge.values.arrays import Floats, freeze, frozen
 from workgauge.values.compiled import njit
 
 #: The commands rolled out: none, what is wished for, every joint at its full positive and negative speed.
@@ -58,19 +58,32 @@ def flown(rollout: Rollout, sent: Floats | None, elapsed_s: float, memory: Memor
         memory: of the last tick; an empty one, or one of another model, stands for a machine at rest.
     """
     n, kept = rollout.n, math.ceil(OLDEST_S / rollout.dt_s) + 1
-    shapes = {"speeds": (2, n), "flying": (rollout.memory, n), "ways": (kept, 2, n)}
-    arrays = {name: np.array(memory.get(name, ()), dtype=np.float64) for name in shapes}
-    if any(arrays[name].shape != shape for name, shape in shapes.items()):
-        arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
+    speeds, flying, ways = (
+        *(_known(memory.get("speeds"), (2, n)), _known(memory.get("flying"), (rollout.memory, n))),
+        _known(memory.get("ways"), (kept, 2, n)),
+    )
+    if speeds is None or flying is None or ways is None:
+        speeds, flying, ways = frozen(np.zeros((2, n))), np.zeros((rollout.memory, n)), np.zeros((kept, 2, n))
+        flying, ways = frozen(flying), frozen(ways)
     passed_s = elapsed_s + float(memory.get("late_s", 0.0))
     ticks = min(max(round(passed_s / rollout.dt_s), 1), rollout.memory + round(rollout.rest_ticks))
     late_s = max(min(passed_s - ticks * rollout.dt_s, 0.5 * rollout.dt_s), -0.5 * rollout.dt_s)
     asked = np.zeros(n) if sent is None else np.array(sent, dtype=np.float64)
-    speeds, flying, ways = arrays["speeds"], arrays["flying"], arrays["ways"]
     speeds, flying, ways = _fly(speeds, flying, ways, asked, ticks, rollout.packed)
     for array in (speeds, flying, ways):
         freeze(array)
     return Flight(speeds, flying, ways, late_s)
+
+
+def _known(value: Any, shape: tuple[int, ...]) -> Floats | None:
+    """Return a remembered array, read-only, or None if it is none of that shape."""
+    if type(value) is np.ndarray and value.shape == shape and value.dtype == np.float64:
+        if not value.flags.writeable and value.flags.c_contiguous:
+            return value
+    elif value is None:
+        return None
+    array = frozen(value)
+    return array if array.shape == shape else None
 
 
 class Plan:
@@ -115,6 +128,7 @@ class Plan:
             *(spacing_m, bend_m, farthest, cushion, alpha),
         )
         self.way = Way(*way)
+        self._changed: tuple[Rows, Floats] | None = None
 
     def way_after(self, command: Floats) -> Way:
         """Return the same moments of the way to rest after another command (n,)."""
@@ -140,9 +154,12 @@ class Plan:
         Of a pair that is inside, that of the middle posture: what leads out by two joints together would never begin
         if each were counted as late as it may be where it helps, and as early where it does not.
         """
+        if self._changed is not None and self._changed[0] is rows:
+            return self._changed[1]
         found: Floats = _changes(
             *(rows.rows, rows.postures, rows.inside, self._looked, self._middle, self._width, self._ways)
         )
+        self._changed = rows, found
         return found
 
 
@@ -150,6 +167,7 @@ class Plan:
 def _fly(speeds: Any, flying: Any, ways: Any, sent: Any, ticks: int, model: Any) -> Any:
     """Return speeds, commands in flight and ways so many ticks later, all of them with the same command."""
     delay, lag, rate, dt = model
+    speeds, flying, ways = speeds.copy(), flying.copy(), ways.copy()
     for _ in range(ticks):
         for i in range(flying.shape[0] - 1):
             flying[i] = flying[i + 1]
@@ -339,4 +357,22 @@ def _changes(rows: Any, postures: Any, inside: Any, looked: Any, middle: Any, wi
                 size = abs(moved) + abs(wide)
                 found[c, r, j] = change * (min(ways[c, j] / size, 1.0) if size > 0.0 else 1.0)
                 found[c, count + r, j] = change
+    return found
+
+
+@njit(cache=True)
+def losable(room: Any, slack: Any, inside: Any, alpha: float, floor: float, short: float) -> Any:
+    """Return (2 r,) what each row of `Plan.changes` may lose, all of it and then a share alpha of it.
+
+    A row that is not inside may lose `short` where it has less, as long as its slack is above -floor; the nearer it
+    is to that, the less.
+    """
+    count = len(room)
+    found = np.empty(2 * count)
+    for i in range(count):
+        left = room[i]
+        found[i] = left if left > 0.0 else np.inf
+        if not inside[i] and floor > 0.0:
+            left = max(left, short * min(max(1.0 + slack[i] / floor, 0.0), 1.0))
+        found[count + i] = left / alpha
     return found

@@ -1,6 +1,7 @@
 """How much of each joint's wish may be commanded: a small convex programme, solved and then certified."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import daqp
 import numpy as np
@@ -72,18 +73,14 @@ def share(
     Returns:
         the shares; numbers that are none give zeros and ok = False. Nothing is raised for them.
     """
-    least = np.maximum(slack, 0.0)
-    least *= -alpha
+    n = np.shape(rows)[1]
     if flow_rows is None or flow_most is None:
-        rows = np.array(rows, dtype=np.float64, order="C")
-    else:
-        rows = np.ascontiguousarray(np.concatenate((rows, -flow_rows)))
-        least = np.concatenate((least, -np.maximum(flow_most, 0.0)))
-    n = rows.shape[1]
-    top = np.ones(n) if ends is None else np.minimum(np.maximum(ends, 0.0), 1.0)
-    if keep_direction:
-        top = np.full(n, np.minimum.reduce(top))
-    state, which, units, lower, upper, tolerance = _bind(rows, least, top)
+        flow_rows, flow_most = np.empty((0, n)), np.empty(0)
+    state, which, units, lower, upper, tolerance, rows, least, top = _bind(
+        *(np.ascontiguousarray(rows, dtype=np.float64), np.ascontiguousarray(slack, dtype=np.float64), float(alpha)),
+        *(np.ascontiguousarray(flow_rows, dtype=np.float64), np.ascontiguousarray(flow_most, dtype=np.float64)),
+        *(np.ones(n) if ends is None else np.ascontiguousarray(ends, dtype=np.float64), keep_direction),
+    )
     if state == _NONE:
         return _solved(np.zeros(n), (), _UNUSABLE, ok=False)
     if state == _FREE:
@@ -121,11 +118,65 @@ def _heaviest(which: Ints, weights: Floats) -> tuple[int, ...]:
 
 
 @njit(cache=True)
-def _bind(rows: Floats, least: Floats, top: Floats) -> tuple[int, Ints, Floats, Floats, Floats, float]:
-    """Return what the solver is to be given: whether anything binds, and if so which rows, in units of their length.
+def flow_row(wish: Any, speeds: Any, flows: Any, most: float) -> Any:
+    """Return what a wish (n,) takes of the pump's flow, as a row (1, n) of shares of the most it gives.
+
+    speeds, flows: (n,) of each joint at its full positive and negative speed.
+    """
+    row = np.empty((1, len(wish)))
+    for j in range(len(wish)):
+        if wish[j] > 0.0:
+            row[0, j] = wish[j] / speeds[0][j] * flows[0][j] / most
+        else:
+            row[0, j] = -wish[j] / speeds[1][j] * flows[1][j] / most
+    return row
+
+
+@njit(cache=True)
+def _stated(
+    rows: Any, slack: Any, alpha: float, flow_rows: Any, flow_most: Any, ends: Any, keep_direction: bool
+) -> Any:
+    """Return all rows, what each must reach at least, and the most each share may be. NaN stays NaN."""
+    k, n = rows.shape
+    every, least, top = np.empty((k + len(flow_rows), n)), np.empty(k + len(flow_rows)), np.empty(n)
+    every[:k], every[k:] = rows, -flow_rows
+    for i in range(k):
+        least[i] = -alpha * (0.0 if slack[i] <= 0.0 else slack[i])
+    for i in range(len(flow_rows)):
+        least[k + i] = -(0.0 if flow_most[i] <= 0.0 else flow_most[i])
+    for j in range(n):
+        top[j] = ends[j]
+        if top[j] <= 0.0:
+            top[j] = 0.0
+        elif top[j] > 1.0:
+            top[j] = 1.0
+    if keep_direction:
+        shortest = top[0]
+        for j in range(n):
+            if not top[j] >= shortest:
+                shortest = top[j]
+            if np.isnan(shortest):
+                break
+        top[:] = shortest
+    return every, least, top
+
+
+@njit(cache=True)
+def _bind(
+    given: Any, slack: Any, alpha: float, flow_rows: Any, flow_most: Any, ends: Any, keep_direction: bool
+) -> Any:
+    """Return what the solver is to be given: whether anything binds, and if so which rows, in units of their length;
+    and what `_stated` does.
 
     A row can bind only if its negative parts at `top` break its bound. Of too many, the ones that `top` breaks most.
     """
+    rows, least, top = _stated(given, slack, alpha, flow_rows, flow_most, ends, keep_direction)
+    return _binding(rows, least, top) + (rows, least, top)  # noqa: RUF005 - what can be compiled
+
+
+@njit(cache=True)
+def _binding(rows: Any, least: Any, top: Any) -> Any:
+    """Return the first six of `_bind`."""
     k, n = rows.shape
     which = np.empty(k, dtype=np.int64)
     broken = np.empty(k)

@@ -48,46 +48,61 @@ def lever_ranges(
         the intervals, frozen. Numbers that are none leave 0 to 0 where they matter; nothing is raised for them.
     """
     k, n = np.shape(rows_positive)
-    rows = np.empty((2, k, n))
-    rows[0], rows[1] = rows_positive, rows_negative
-    speeds = np.array((speed_positive, speed_negative), dtype=np.float64)
-    ends = np.ones((2, n))
+    speeds, ends = np.empty((2, n)), np.ones((2, n))
+    speeds[0], speeds[1] = speed_positive, speed_negative
     if ends_positive is not None:
         ends[0] = ends_positive
     if ends_negative is not None:
         ends[1] = ends_negative
-    of = np.arange(k) if clearance_of is None else np.array(clearance_of, dtype=np.int64)
-    slack, rates = np.array(slack, dtype=np.float64), np.array(tool_rates, dtype=np.float64)
-    arrays = _ranges(rows, slack, alpha, speeds, rates, ends, of, SHORT)
-    for array in arrays:
+    of = np.arange(k) if clearance_of is None else np.ascontiguousarray(clearance_of, dtype=np.int64)
+    joints, joints_by, tool, tool_by = _ranges(
+        np.ascontiguousarray(rows_positive, dtype=np.float64),
+        np.ascontiguousarray(rows_negative, dtype=np.float64),
+        *(np.array(slack, dtype=np.float64), alpha, speeds, np.array(tool_rates, dtype=np.float64), ends, of, SHORT),
+    )
+    for array in (joints, joints_by, tool, tool_by):
         freeze(array)
-    return LeverRanges(*arrays)
+    return LeverRanges(
+        *(joints[1], joints[0], tool[1], tool[0]), *(joints_by[1], joints_by[0], tool_by[1], tool_by[0])
+    )
 
 
 def verified_ranges(
-    wide: LeverRanges, narrow: LeverRanges, tool_rates: Floats, stands: Callable[[Floats], bool]
+    whole: LeverRanges,
+    wide: LeverRanges,
+    narrow: LeverRanges,
+    tool_rates: Floats,
+    stands: Callable[[Floats], bool],
+    spares: Callable[[Floats], bool],
 ) -> LeverRanges:
-    """Return, for each end, the first that stands of: that of `wide`, of `narrow`, half and a quarter of it, 0.
+    """Return, for each end, the first that stands of: `whole` if spared, `wide`, `narrow`, half and a quarter, 0.
 
     Args:
-        wide, narrow: intervals, those of `narrow` inside the others. tool_rates: as in `lever_ranges`.
-        stands: whether the command of one lever alone (n,) is verified.
+        whole, wide, narrow: intervals, each inside the one before. tool_rates: as in `lever_ranges`.
+        stands: whether the command of one lever alone (n,) is verified. spares: whether it comes near nothing else.
     """
-    n = len(wide.joints_low)
+    n = len(narrow.joints_low)
     units = {"joints": np.eye(n), "tool": np.where(np.isfinite(tool_rates), tool_rates, 0.0)}
     found: dict[str, Any] = {}
     for which, directions in units.items():
         for end in ("low", "high"):
-            far, near = getattr(wide, f"{which}_{end}"), getattr(narrow, f"{which}_{end}")
-            ends, by = np.zeros(len(directions)), np.array(getattr(narrow, f"{which}_{end}_by"))
+            side = f"{which}_{end}"
+            full, far, near = getattr(whole, side), getattr(wide, side), getattr(narrow, side)
+            ends, by = np.zeros(len(directions)), np.array(getattr(narrow, f"{side}_by"))
             for i, direction in enumerate(directions):
-                for speed in (far[i], near[i], 0.5 * near[i], 0.25 * near[i]):
-                    if speed != 0.0 and stands(speed * direction):
+                tried = 0.0
+                for speed in (full[i], far[i], near[i], 0.5 * near[i], 0.25 * near[i]):
+                    if speed in (0.0, tried):
+                        continue
+                    command, tried = speed * direction, speed
+                    if (speed == far[i] or speed != full[i] or spares(command)) and stands(command):
                         ends[i] = speed
                         break
-                if ends[i] == far[i]:
-                    by[i] = getattr(wide, f"{which}_{end}_by")[i]
-            found[f"{which}_{end}"], found[f"{which}_{end}_by"] = ends, by
+                if ends[i] == full[i]:
+                    by[i] = getattr(whole, f"{side}_by")[i]
+                elif ends[i] == far[i]:
+                    by[i] = getattr(wide, f"{side}_by")[i]
+            found[side], found[f"{side}_by"] = ends, by
     for array in found.values():
         freeze(array)
     return LeverRanges(**found)
@@ -100,17 +115,29 @@ def warm_up() -> None:
 
 @njit(cache=True)
 def _ranges(
-    rows: Floats, slack: Floats, alpha: float, speeds: Floats, rates: Floats, ends: Floats, of: Ints, short: float
-) -> tuple[Floats, Floats, Floats, Floats, Ints, Ints, Ints, Ints]:
-    """Return the fields of `LeverRanges`. rows (2, k, n), speeds, ends (2, n): positive first, then negative."""
-    _, k, n = rows.shape
+    positive: Floats,
+    negative: Floats,
+    slack: Floats,
+    alpha: float,
+    speeds: Floats,
+    rates: Floats,
+    ends: Floats,
+    of: Ints,
+    short: float,
+) -> tuple[Floats, Ints, Floats, Ints]:
+    """Return the ends of the joints' ranges (2, n) and what ends them, those of the tool (2, 3) likewise.
+
+    positive, negative: (k, n) rows. speeds, ends: (2, n). Positive first, then negative.
+    """
+    k, n = positive.shape
     joints, joints_by = np.zeros((2, n)), np.full((2, n), -1)
     tool, tool_by = np.zeros((2, 3)), np.full((2, 3), -1)
     change = np.empty(k)
     for side in range(2):
         sign = 1.0 if side == 0 else -1.0
         for j in range(n):
-            change[:] = rows[side, :, j]
+            for i in range(k):
+                change[i] = positive[i, j] if side == 0 else negative[i, j]
             most, row = _furthest(change, slack, alpha, ends[side, j], short)
             joints[side, j] = sign * most * speeds[side, j] + 0.0  # no minus zero
             joints_by[side, j] = of[row] if row >= 0 else -1
@@ -126,14 +153,14 @@ def _ranges(
                 moves = True
                 most = min(most, ends[toward, j] / part) if part >= 0.0 else np.nan
                 for i in range(k):
-                    change[i] += part * rows[toward, i, j]
+                    change[i] += part * (positive[i, j] if toward == 0 else negative[i, j])
             if not moves or not most > 0.0:
                 continue
             change *= most
             part, row = _furthest(change, slack, alpha, 1.0, short)
             tool[side, axis] = sign * most * part + 0.0
             tool_by[side, axis] = of[row] if row >= 0 else -1
-    return joints[1], joints[0], tool[1], tool[0], joints_by[1], joints_by[0], tool_by[1], tool_by[0]
+    return joints, joints_by, tool, tool_by
 
 
 @njit(cache=True)

@@ -169,7 +169,7 @@ def covariance_wrong(covariance: Floats) -> str | None:
 
     Rounding is forgiven: 1e-6 of the standard deviations concerned.
     """
-    if not covariance.any():
+    if not np.count_nonzero(covariance):
         return None
     variances = covariance.diagonal().tolist()
     if not (float(np.maximum.reduce(np.abs(covariance), axis=None)) < FAR * FAR) or min(variances) < 0.0:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from workgauge.guard import programme
 from workgauge.loop.config import SOURCE, TickConfig
 from workgauge.loop.inputs import TickInputs
 from workgauge.loop.memory import first_memory
@@ -30,7 +31,9 @@ def warm_up(config: TickConfig) -> None:
     """
     machine = config.machine
     tool = machine.tool_pose(machine.forward(machine.home))[:3, 3]
-    for limits in (_things(tool, _APART_M), _things(tool, _APART_M[-1:])):
+    programme.warm_up()
+    things = _things(tool, _APART_M)
+    for limits in (things, _things(tool, _APART_M[-1:]), things[: len(_APART_M)]):
         scene = Scene(machine, limits)
         for sigma in (0.0, 1e-3):
             _run(config, scene, sigma)

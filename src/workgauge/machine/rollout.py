@@ -95,6 +95,7 @@ def _follow(
     m: int,
     low: Any,
     high: Any,
+    seen: Any,
 ) -> int:
     """Move one joint's bounds on from `begin` to `end` [ticks] and note the ways at every mark passed; next mark.
 
@@ -104,9 +105,11 @@ def _follow(
     sides). The upper bound follows the greatest speed that any dead time may ask for now, quickly upwards and slowly
     downwards; the lower bound the least, the other way round: whatever dead time, lag and rate a joint within
     tolerance has, and even if they change, it stays in between (comparison of scalar differential equations).
+    seen (2, 2): room to write.
     """
     t = begin
-    early, late = np.zeros(2, np.int64), np.zeros(2, np.int64)
+    early, late = seen[0], seen[1]
+    early[:], late[:] = 0, 0
     while t < end:
         stop, least, most = end, 0.0, 0.0
         for side in range(2):
@@ -187,7 +190,7 @@ def roll(sent: Any, v: Any, first: Any, delay: Any, lag: Any, rate: Any, dt: flo
     commands, joints, total = first.shape[0], first.shape[1], len(marks)
     least, most = np.empty(total), np.empty(total)
     times, asked = np.empty(sent.shape[0] + 3), np.empty(sent.shape[0] + 3)
-    begun, state = np.empty(4), np.empty(4)
+    begun, state, seen = np.empty(4), np.empty(4), np.empty((2, 2), np.int64)
     for j in range(joints):
         count = _commands(sent, j, times, asked)
         rests = count == 1 and v[0, j] == 0.0 and v[1, j] == 0.0
@@ -199,7 +202,9 @@ def roll(sent: Any, v: Any, first: Any, delay: Any, lag: Any, rate: Any, dt: flo
                 least[m] = most[m] = 0.0
                 m += 1
         else:
-            m = _follow(times, asked, count, 0.0, fork, begun, delay[j], lag[j], rate[j], dt, marks, m, least, most)
+            m = _follow(
+                times, asked, count, 0.0, fork, begun, delay[j], lag[j], rate[j], dt, marks, m, least, most, seen
+            )
         for c in range(commands):
             low, high = out[0, c, j], out[1, c, j]
             before = _known(first, c, j)
@@ -214,7 +219,21 @@ def roll(sent: Any, v: Any, first: Any, delay: Any, lag: Any, rate: Any, dt: flo
             times[count + 1], asked[count + 1] = 1.0, 0.0
             state[:] = begun
             _follow(
-                times, asked, count + 2, fork, marks[-1], state, delay[j], lag[j], rate[j], dt, marks, m, low, high
+                times,
+                asked,
+                count + 2,
+                fork,
+                marks[-1],
+                state,
+                delay[j],
+                lag[j],
+                rate[j],
+                dt,
+                marks,
+                m,
+                low,
+                high,
+                seen,
             )
             up = _farthest(times, asked, count + 2, v[1, j], 1.0, delay[j, 1, 0], lag[j, :, 0], rate[j, :, 0], dt)
             down = _farthest(times, asked, count + 2, v[0, j], -1.0, delay[j, 1, 1], lag[j, :, 1], rate[j, :, 1], dt)
@@ -235,13 +254,13 @@ def _known(first: Any, c: int, j: int) -> int:
 def advance(sent: Any, v: Any, delay: Any, lag: Any, rate: Any, dt: float, out: Any, way: Any) -> None:
     """Fill out (2, n) with bounds of the speeds now, way (2, n) of the way since; v (2, n): speeds a tick ago."""
     times, asked, none = np.empty(sent.shape[0] + 1), np.empty(sent.shape[0] + 1), np.empty(0)
-    state = np.empty(4)
+    state, seen = np.empty(4), np.empty((2, 2), np.int64)
     for j in range(v.shape[1]):
         count = _commands(sent, j, times, asked)
         out[0, j] = out[1, j] = way[0, j] = way[1, j] = 0.0
         if count > 1 or v[0, j] != 0.0 or v[1, j] != 0.0:
             state[0], state[1], state[2], state[3] = v[0, j], v[1, j], 0.0, 0.0
-            _follow(times, asked, count, -1.0, 0.0, state, delay[j], lag[j], rate[j], dt, none, 0, none, none)
+            _follow(times, asked, count, -1.0, 0.0, state, delay[j], lag[j], rate[j], dt, none, 0, none, none, seen)
             out[0, j], out[1, j], way[0, j], way[1, j] = state[0], state[1], state[2], state[3]
         if count == 1 and max(abs(out[0, j]), abs(out[1, j])) < RESTING:
             out[0, j] = out[1, j] = 0.0

@@ -1,5 +1,6 @@
 """Two joysticks: dead zone, feel, ramp and the lever patterns."""
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -77,16 +78,18 @@ def ramped_levers(previous: Sequence[float], wanted: Sequence[float], step: floa
 def joint_velocity(shares: Sequence[float], machine: MachineModel) -> list[float]:
     """Return the joint velocities (n) [rad/s, m/s] of lever shares: each lever's share of its joints' full speed."""
     velocity = []
-    for lever, sign, positive, negative in zip(
-        machine.levers,
-        machine.lever_signs.tolist(),
-        machine.speed_positive.tolist(),
-        machine.speed_negative.tolist(),
-        strict=True,
-    ):
-        share = 0.0 if lever is None else sign * shares[LEVER_NAMES.index(lever)]
+    for lever, sign, positive, negative in _levers(machine):
+        share = sign * shares[lever] if lever >= 0 else 0.0
         velocity.append(share * (positive if share > 0.0 else negative))
     return velocity
+
+
+@functools.lru_cache(maxsize=16)
+def _levers(machine: MachineModel) -> tuple[tuple[int, float, float, float], ...]:
+    """Return which lever (-1: none) moves each joint, in which sense, and its full speeds, positive and negative."""
+    which = [-1 if lever is None else LEVER_NAMES.index(lever) for lever in machine.levers]
+    speeds = machine.speed_positive.tolist(), machine.speed_negative.tolist()
+    return tuple(zip(which, machine.lever_signs.tolist(), *speeds, strict=True))
 
 
 def tool_twist(shares: Sequence[float], speed: float, turn: float) -> list[float]:

@@ -51,9 +51,16 @@ def closest(first: Any, second: Any, x: float, y: float, z: float, out: Any) -> 
         count, x, y, z = nearest_on(simplex, count + 1)
         if count == 4 or x * x + y * y + z * z < 1e-16:
             return -1.0
+    if used == _ITERATIONS:  # what was proven was the direction before the last
+        a, b = lowest(first, x, y, z), lowest(second, -x, -y, -z)
+        wx, wy, wz = first[a, 0] - second[b, 0], first[a, 1] - second[b, 1], first[a, 2] - second[b, 2]
+        length = math.sqrt(x * x + y * y + z * z)
+        gap = length - (x * wx + y * wy + z * wz) / length
     if gap > PROVEN_M:
         return -1.0
-    return _answer(first, simplex, count, seen, which, used, out)
+    found = _answer(first, simplex, count, seen, which, used, out)
+    # of a simplex that is nearly flat, what is composed from its corners may not be what was proven
+    return found if abs(found - math.sqrt(x * x + y * y + z * z)) <= PROVEN_M else -1.0
 
 
 @njit(cache=True)

@@ -52,11 +52,17 @@ def corner_slacks(
     # g_j = u . (a_j x (x - o_j)) = (u x a_j) . x - (u x a_j) . o_j, or u . a_j of a sliding joint; joints that carry
     # both links change nothing between them
     turns[:] = 0.0
+    wide = spread[p, s] > 0.0
     for j in range(base, top):
         ax, ay, az = axes[p, j, 0], axes[p, j, 1], axes[p, j, 2]
         if prismatic[j]:
             turns[j, 3] = ax * ux + ay * uy + az * uz
             continue
+        if wide:  # and d^2(u . x)/dq_j^2 = -(u less its part along a_j) . (x - o_j)
+            along, half = ax * ux + ay * uy + az * uz, 0.5 * width[p, j] * width[p, j]
+            bx, by, bz = half * (ux - along * ax), half * (uy - along * ay), half * (uz - along * az)
+            turns[j, 4], turns[j, 5], turns[j, 6] = bx, by, bz
+            turns[j, 7] = -(bx * origins[p, j, 0] + by * origins[p, j, 1] + bz * origins[p, j, 2])
         mx, my, mz = uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax
         turns[j, 0], turns[j, 1], turns[j, 2] = mx, my, mz
         turns[j, 3] = -(mx * origins[p, j, 0] + my * origins[p, j, 1] + mz * origins[p, j, 2])
@@ -66,8 +72,10 @@ def corner_slacks(
     shrunk = 0.0
     if jo >= 0 and (((y >> (2 - stretch[o, 1])) & 1) == 1) == (stretch[o, 2] > 0):
         shrunk = stretch[o, 2] * along_axis(rotations[p, o], stretch[o, 1], ux, uy, uz)
-    lost = bias + extra[i] + _second_order(p, s, levers, width)
-    if own[i]:
+    lost = bias + extra[i]
+    if wide:
+        lost += _together(p, s, levers, width)
+    if own[i] and spread[p, o] > 0.0:
         lost += _second_order(p, o, levers, width)
     if exact:
         lost += k * math.sqrt(variance[i])
@@ -83,6 +91,8 @@ def corner_slacks(
                 g -= shrunk
             rows[c, j] = g
             value -= abs(g) * width[p, j]
+            if wide:
+                value -= max(turns[j, 4] * cx + turns[j, 5] * cy + turns[j, 6] * cz + turns[j, 7], 0.0)
         if not exact:
             rx, ry, rz = cx - origin[0], cy - origin[1], cz - origin[2]
             value -= k * math.sqrt(variance[i] + _variance(own[i], ux, uy, uz, rx, ry, rz, rows[c], covariance))
@@ -103,7 +113,7 @@ def reached(changes: Any, levers: Any) -> Any:
             for j in range(changes.shape[1]):
                 total += levers[s, j] * changes[a, j]
             bands[s] = max(bands[s], total)
-    return changes, bands, np.zeros((changes.shape[1], 4))
+    return changes, bands, np.zeros((changes.shape[1], 8))
 
 
 @njit(cache=True)
@@ -128,6 +138,19 @@ def turned(R: Any, u: Any, i: int) -> float:
 def along_axis(R: Any, axis: int, ux: float, uy: float, uz: float) -> float:
     """Return the component along one axis of R (3, 3) of (ux, uy, uz)."""
     return float(R[0, axis] * ux + R[1, axis] * uy + R[2, axis] * uz)
+
+
+@njit(cache=True)
+def _together(p: int, s: int, levers: Any, width: Any) -> float:
+    """Return what turns within the intervals may take off a point of solid s beyond first order, but for each joint's
+    own second order: the mixed second order, and all of the third [m]."""
+    total, before, farthest = 0.0, 0.0, 0.0
+    for j in range(width.shape[1]):
+        if levers[s, j] > 0.0:
+            total += before * width[p, j] * levers[s, j]
+            before += width[p, j]
+            farthest = max(farthest, levers[s, j])
+    return total + before * before * before * farthest / 6.0
 
 
 @njit(cache=True)

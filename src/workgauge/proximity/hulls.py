@@ -15,6 +15,7 @@ from workgauge.values.arrays import Floats, Ints
 #: How far the prism under a triangle reaches [m].
 DEPTH_M = 20.0
 _FIRST = 256
+_NO_EDGES: Floats = np.empty((0, 3))
 #: What a hull is: a convex body, a cell of a chain, the ground under a triangle.
 WHOLE, SHARED, GROUND = range(3)
 
@@ -25,6 +26,7 @@ class Hulls:
     Attributes:
         corners: (v, 3), of hull h those from starts[h] to starts[h + 1]. drawn: (v, 3), the same of the cell drawn
             out at faces it shares with its chain's next. normals: (f, 3), ways out, likewise by faces[h].
+        edges: (e, 3), directions of the edges of a cell, likewise by edge_starts[h]; none of a triangle's.
         kinds: (h) see `WHOLE`, `SHARED`, `GROUND`.
         of_cell: (cells,) the hull of each cell of the scene, -1 while it has none.
         radii: (h) by which a hull is thicker than its corners [m].
@@ -40,6 +42,7 @@ class Hulls:
         self.normals, self.kinds = np.empty((8 * _FIRST, 3)), np.zeros(_FIRST, np.int64)
         self.starts, self.faces = np.zeros(_FIRST + 1, np.int64), np.zeros(_FIRST + 1, np.int64)
         self.radii = np.zeros(_FIRST)
+        self.edges, self.edge_starts = np.empty((16 * _FIRST, 3)), np.zeros(_FIRST + 1, np.int64)
         self._count = 0
 
     def add_cells(self, cells: Ints) -> None:
@@ -49,7 +52,7 @@ class Hulls:
                 solid, drawn = self._shapes.polyhedron(cell), self._shapes.lengthened(cell)
                 kind = WHOLE if drawn is solid.vertices else SHARED
                 radius = float(self._cell_radii[cell])
-                self.of_cell[cell] = self._add(solid.vertices, drawn, solid.normals, radius, kind)
+                self.of_cell[cell] = self._add(solid.vertices, drawn, solid.normals, radius, kind, solid.edges)
 
     def of_triangles(self, surface: int, triangles: Ints) -> Ints:
         """Return the hulls of triangles of one of the scene's surfaces."""
@@ -68,16 +71,30 @@ class Hulls:
         """Return everything as `sweep` takes it."""
         return self.corners, self.starts, self.normals, self.faces, self.radii, self.drawn, self.kinds
 
-    def _add(self, corners: Floats, drawn: Floats, normals: Floats, radius: float, kind: int) -> int:
+    def with_edges(self) -> tuple[Ints, Floats, Ints, Floats, Floats, Ints, Floats, Ints]:
+        """Return everything as `depths` takes it."""
+        return (
+            *(self.of_cell, self.corners, self.starts, self.radii),
+            *(self.normals, self.faces, self.edges, self.edge_starts),
+        )
+
+    def _add(
+        self, corners: Floats, drawn: Floats, normals: Floats, radius: float, kind: int, edges: Floats = _NO_EDGES
+    ) -> int:
         hull = self._count
         if hull + 1 > len(self.radii):
             self.starts, self.faces = _twice(self.starts), _twice(self.faces)
             self.radii, self.kinds = _twice(self.radii), _twice(self.kinds)
+            self.edge_starts = _twice(self.edge_starts)
         begin, first = int(self.starts[hull]), int(self.faces[hull])
         while begin + len(corners) > len(self.corners):
             self.corners, self.drawn = _twice(self.corners), _twice(self.drawn)
         while first + len(normals) > len(self.normals):
             self.normals = _twice(self.normals)
+        edge = int(self.edge_starts[hull])
+        while edge + len(edges) > len(self.edges):
+            self.edges = _twice(self.edges)
+        self.edges[edge : edge + len(edges)], self.edge_starts[hull + 1] = edges, edge + len(edges)
         self.corners[begin : begin + len(corners)] = corners
         self.drawn[begin : begin + len(corners)] = drawn
         self.normals[first : first + len(normals)] = normals

@@ -10,6 +10,31 @@ from workgauge.values.compiled import njit
 
 
 @njit(cache=True)
+def own_variances(variances: Any, of: Any, links: Any, others: Any, tool_link: int, tool_variance: float) -> Any:
+    """Return the variance (c,) of each clearance that has no direction [m^2]: the limit's, and the attachment's.
+
+    variances: of the limits. of, links, others: (c,) limit, link and other link. tool_link: carries the attachment.
+    """
+    found = np.empty(len(of))
+    for c in range(len(of)):
+        found[c] = variances[of[c]]
+        if links[c] == tool_link or others[c] == tool_link:
+            found[c] += tool_variance
+    return found
+
+
+@njit(cache=True)
+def sure_levels(
+    variances: Any, of: Any, links: Any, others: Any, tool_link: int, tool_variance: float, k: float, bias: float
+) -> Any:
+    """Return the levels (c,) where pose, joints and limits' poses are exact [m]; see `own_variances`."""
+    levels = own_variances(variances, of, links, others, tool_link, tool_variance)
+    for c in range(len(levels)):
+        levels[c] = k * math.sqrt(levels[c]) + bias
+    return levels
+
+
+@njit(cache=True)
 def protection_levels(
     T: Any,
     spatial: Any,

@@ -37,10 +37,7 @@ def near_way(
     postures: Any,
     widths: Any,
     packed: Any,
-    distances: Any,
-    stop_distances: Any,
-    solids: Any,
-    others: Any,
+    facts: Any,
     approach: Any,
     stop: float,
     margin: float,
@@ -48,7 +45,8 @@ def near_way(
     bands: Any,
 ) -> Any:
     """Return the arm on its way, how far a corner moves at most, what each clearance needs, which may come near, and
-    the boxes (low, high) (S, 3) around the solids' ways."""
+    the boxes (low, high) (S, 3) around the solids' ways. facts: see `gather`."""
+    distances, stop_distances, solids, others = facts[0], facts[1], facts[2], facts[3]
     arm = placed(T, postures, widths, packed)
     corners, stretch, levers, spread = arm[3], arm[6], arm[7], arm[9]
     count, boxes = postures.shape[0], levers.shape[0]
@@ -84,9 +82,9 @@ def near_way(
 
 
 @njit(cache=True)
-def _nearer_row(r: int, near: Any, columns: Any, distances: Any) -> bool:
+def _nearer_row(r: int, near: Any, facts: Any) -> bool:
     """Return whether another clearance stands for the same solid and link: a link may have several boxes."""
-    solids, others, _ = columns
+    distances, solids, others = facts[0], facts[2], facts[3]
     for k in near:
         same = solids[k] == solids[r] and others[k] == others[r]
         if same and (distances[k] < distances[r] or (distances[k] == distances[r] and k < r)):
@@ -95,31 +93,20 @@ def _nearer_row(r: int, near: Any, columns: Any, distances: Any) -> bool:
 
 
 @njit(cache=True)
-def gather(
-    near: Any,
-    distances: Any,
-    low: Any,
-    high: Any,
-    room: Any,
-    columns: Any,
-    normals: Any,
-    variance: Any,
-    extra: Any,
-    speed: Any,
-    places: Any,
-    moving: Any,
-    ranges: Any,
-    hull_of: Any,
-    cell_lows: Any,
-    cell_highs: Any,
-    ground_rows: Any,
-    ground_hulls: Any,
-    own_pairs: Any,
-    solid_links: Any,
-) -> Any:
-    """Return the pairs of solid and hull (or other solid) that may come near, as `sweep` wants them, their rows; and
-    the cells that have no hull yet: while there are any, the pairs are not complete."""
-    solids, others, limits = columns
+def gather(near: Any, low: Any, high: Any, room: Any, facts: Any, cells: Any, triangles: Any) -> Any:
+    """Return the pairs that may come near, as rows of the clearances and hulls (or other solids); and the cells that
+    have no hull yet: while there are any, the pairs are not complete.
+
+    Args:
+        near: (r) which clearances may. low, high: (S, 3) boxes around the solids' ways. room: what each clearance
+            needs, what may be used up of each solid's slack, how far limits may come nearer.
+        facts: distances, stop distances, solids, other links, limits, links, normals of the clearances.
+        cells: ranges of the limits' cells, their hulls, lows and highs; pairs of own solids, links of solids.
+        triangles: rows and hulls of the ground.
+    """
+    solids, others, limits = facts[2], facts[3], facts[4]
+    ranges, hull_of, cell_lows, cell_highs, own_pairs, solid_links = cells
+    ground_rows, ground_hulls = triangles
     need, more, approach = room
     size, count, lacking = 64, 0, 0
     rows, mates = np.empty(size, np.int64), np.empty(size, np.int64)
@@ -127,7 +114,7 @@ def gather(
     for r in near:
         s = solids[r]
         own = others[r] >= 0
-        if own and _nearer_row(r, near, columns, distances):
+        if own and _nearer_row(r, near, facts):
             continue
         first, last = 0, len(own_pairs)
         if not own:
@@ -161,16 +148,39 @@ def gather(
     of, other = np.empty(total, np.int64), np.empty(total, np.int64)
     of[:count], other[:count] = rows[:count], mates[:count]
     of[count:], other[count:] = ground_rows, ground_hulls
-    which, own_of, given = np.empty(total, np.int64), np.empty(total, np.bool_), np.empty((total, 3))
-    needs, variances, extras = np.empty(total), np.empty(total), np.empty(total)
+    return of, other, missing[:lacking]
+
+
+@njit(cache=True)
+def paired(of: Any, other: Any, facts: Any, stop: float, margin: float, unsure: Any, motion: Any) -> Any:
+    """Return the pairs of `gather` as `sweep` wants them.
+
+    Args:
+        stop, margin: stop distance of limits that have none of their own, and what is kept besides [m].
+        unsure: variance of each limit and link [m^2], the link and the variance of the attachment, and of each
+            clearance what adds to it and the second order of turning; empty where that is nothing.
+        motion: twist, place and whether it moves of each clearance's limit; empty if none does.
+    """
+    _, stop_distances, solids, others, limits, links, normals = facts
+    variances, tool_link, tool_variance, more, extra = unsure
+    speed, places, moving = motion
+    total = len(of)
+    which, own, given = np.empty(total, np.int64), np.empty(total, np.bool_), np.empty((total, 3))
+    needs, variance, extras = np.empty(total), np.empty(total), np.zeros(total)
     speeds, about, moves = np.zeros((total, 6)), np.zeros((total, 3)), np.zeros(total, np.bool_)
     for i in range(total):
         r = of[i]
-        which[i], own_of[i] = solids[r], others[r] >= 0
-        needs[i], variances[i], extras[i] = need[r], variance[r], extra[r]
+        which[i], own[i] = solids[r], others[r] >= 0
+        needs[i] = (stop if np.isnan(stop_distances[r]) else stop_distances[r]) + margin
+        variance[i] = variances[limits[r]]
+        if links[r] == tool_link or others[r] == tool_link:
+            variance[i] += tool_variance
+        if len(more) > 0:
+            variance[i] += more[r]
+            extras[i] = extra[r]
         for c in range(3):
             given[i, c] = normals[r, c]
         if len(moving) > 0 and moving[r]:
             moves[i] = True
             speeds[i], about[i] = speed[r], places[r]
-    return (which, other, own_of, given, needs, variances, extras, speeds, about, moves, of), missing[:lacking]
+    return which, other, own, given, needs, variance, extras, speeds, about, moves

@@ -13,7 +13,7 @@ import numpy as np
 
 from workgauge.machine.model import Kinematics, MachineModel
 from workgauge.machine.positioning import IntegritySpec
-from workgauge.proximity.levels import protection_levels
+from workgauge.proximity.levels import own_variances, protection_levels, sure_levels
 from workgauge.proximity.uncertainty import LimitUncertainty, MachineUncertainty
 from workgauge.values.arrays import Floats, freeze
 from workgauge.values.clearances import Clearances
@@ -86,18 +86,18 @@ def with_protection(
         levels = np.full(len(clearances), integrity.bias_m)
         freeze(levels)
         return clearances.with_protections(levels), integrity.bias_m
-    variances = limits.variances.take(clearances.limits)
-    if unsure.tool_sigma_m:
-        tool = (clearances.links == machine.tool_link) | (clearances.other_links == machine.tool_link)
-        variances += tool * unsure.tool_sigma_m**2
+    own = (
+        *(limits.variances, clearances.limits, clearances.links, clearances.other_links),
+        *(machine.tool_link, unsure.tool_sigma_m**2),
+    )
     if unsure.exact and not len(limits.places):
-        levels = integrity.k * np.sqrt(variances)
+        levels = sure_levels(*own, float(integrity.k), float(integrity.bias_m))
         largest = integrity.k * math.sqrt(limits.largest_variance + unsure.tool_sigma_m**2)
     else:
         body = _body(kin, machine, unsure)
-        levels = _levels(clearances, rows, body, T_site_machine, limits, integrity.k, variances)
+        levels = _levels(clearances, rows, body, T_site_machine, limits, integrity.k, own_variances(*own))
+        levels += integrity.bias_m
         largest = _largest(body, T_site_machine, limits, integrity.k)
-    levels += integrity.bias_m
     freeze(levels)
     return clearances.with_protections(levels), largest + integrity.bias_m
 

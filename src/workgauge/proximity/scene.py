@@ -11,6 +11,8 @@ from workgauge.machine.arm import Arm, arm_of
 from workgauge.machine.model import Kinematics, MachineModel
 from workgauge.proximity.cells import OrientedBoxes, cut
 from workgauge.proximity.chain import penetrate
+from workgauge.proximity.chains import Chains
+from workgauge.proximity.depths import least_distances
 from workgauge.proximity.hulls import Hulls
 from workgauge.proximity.overlap import box_polyhedron, signed_distance
 from workgauge.proximity.search import SLACK_M, Rules, packed_cells, search
@@ -50,6 +52,7 @@ class Scene:
 
     Attributes:
         uncertainty: what is not sure about the limits.
+        stop_distances: (limits + L,) each limit's own, then each own link's, NaN without [m].
         largest_stop_m: largest stop distance of a limit's own, or of the machine's links' own [m].
         hulls: the limits' cells, packed.
         cell_ranges: (limits + 1,), limit i has the cells from [i] to [i + 1]. cell_boxes: lows and highs (cells, 3).
@@ -84,13 +87,14 @@ class Scene:
             *(machine.self_stop_distance_m,) * len(machine.link_names),
         ]
         self.largest_stop_m = max(stop or 0.0 for stop in own)
-        self._stop_distances = frozen([math.nan if stop is None else stop for stop in own])
+        self.stop_distances = frozen([math.nan if stop is None else stop for stop in own])
         self.cell_ranges = frozen_ints(np.searchsorted(self._cells.limits, np.arange(len(self.limits) + 1)))
         self.cell_boxes = self._cells.lows, self._cells.highs
         self.surfaces = {i: number for number, (i, _) in enumerate(self._surfaces)}
         ground = [surface for _, surface in self._surfaces]
         self.hulls = Hulls(self._shapes, np.array(self._radii), self._cells.limits, ground)
-        self.no_triangles = frozen_ints([]), frozen_ints([])
+        self._chains = Chains(self._shapes, len(self.limits))
+        self.no_triangles: tuple[Ints, Ints] = np.empty(0, np.int64), np.empty(0, np.int64)
         self.moving = tuple(i for i, limit in enumerate(self.limits) if limit.velocity.any())
         # of two links, the one farther out is the one that moves, the other its limit
         pairs = [(j, i) if self._links[j] > self._links[i] else (i, j) for i, j in machine.self_pairs]
@@ -159,18 +163,9 @@ class Scene:
         now_ns, off_states, let_off = at
         poses, halves = self.machine.solid_poses(kin)
         T = np.array(T_site_machine, dtype=np.float64, order="C")
-        hulls, when = self.hulls, (*self._when, self._rules.off(off_states, let_off), now_ns)
-        while True:
-            packed = (hulls.of_cell, hulls.corners, hulls.starts, hulls.radii)
-            finite, lacking, (scalars, vectors, indices, touching, bounds) = search(
-                *(T, poses, halves, float(radius_m), self._tree, self._packed, when, packed),
-                *(self._own_pairs, self._link_of, self._stop_distances),
-            )
-            if not finite:
-                raise ValueError("proximity needs a finite posture and pose, and a radius above 0")
-            if not len(lacking):
-                break
-            hulls.add_cells(lacking)
+        scalars, vectors, indices, touching, bounds = self._searched(
+            T, poses, halves, radius_m, now_ns, off_states, let_off
+        )
         if len(touching) or self._surfaces:
             boxes = OrientedBoxes.of_poses(T @ poses, halves)
             if give_up and self._touch(boxes, touching, bounds):
@@ -199,6 +194,62 @@ class Scene:
             if measure(near, body, result) <= least:
                 return True
         return False
+
+    def least(
+        self,
+        kin: Kinematics,
+        T_site_machine: Floats,
+        radius_m: float,
+        now_ns: int = 0,
+        off_states: frozenset[str] = frozenset(),
+        let_off: frozenset[str] = frozenset(),
+    ) -> Floats:
+        """Return the least distance of each solid to each limit, then to each own link (S, L), infinite beyond the
+        radius [m]: the distances of `query`, which see, and nothing else."""
+        poses, halves = self.machine.solid_poses(kin)
+        T = np.array(T_site_machine, dtype=np.float64, order="C")
+        found = self._searched(T, poses, halves, radius_m, now_ns, off_states, let_off)
+        for cell in found[3][:, 1].tolist():
+            if cell >= 0:
+                self._chains.add(int(self._cells.limits[cell]), self._indices[cell])
+        least: Floats = least_distances(
+            *(T, poses, halves, found, self._packed[3], self.hulls.with_edges(), self._chains.packed()),
+            *(self._link_of, len(self.limits)),
+        )
+        least[least >= radius_m] = np.inf
+        if self._surfaces:
+            rows: list[_Row] = []
+            boxes = OrientedBoxes.of_poses(T @ poses, halves)
+            shapes = box_shapes(boxes.halves) if self._stretching else self._rest_shapes
+            placed = [(shape, transform(R, t)) for shape, R, t in zip(shapes, boxes.axes, boxes.centres, strict=True)]
+            self._measure_surfaces(rows, boxes, placed, radius_m, (now_ns, off_states, let_off), new_result())
+            for row in rows:
+                least[row[0], row[1]] = min(least[row[0], row[1]], row[4])
+        return least
+
+    def _searched(
+        self,
+        T: Floats,
+        poses: Floats,
+        halves: Floats,
+        radius_m: float,
+        now_ns: int,
+        off_states: frozenset[str],
+        let_off: frozenset[str],
+    ) -> tuple[Floats, Floats, Ints, Ints, Floats]:
+        """Return what is near, from scalars to bounds as `search` does."""
+        hulls, when = self.hulls, (*self._when, self._rules.off(off_states, let_off), now_ns)
+        while True:
+            packed = (hulls.of_cell, hulls.corners, hulls.starts, hulls.radii)
+            finite, lacking, found = search(
+                *(T, poses, halves, float(radius_m), self._tree, self._packed, when, packed),
+                *(self._own_pairs, self._link_of, self.stop_distances),
+            )
+            if not finite:
+                raise ValueError("proximity needs a finite posture and pose, and a radius above 0")
+            if not len(lacking):
+                return found  # type: ignore[no-any-return]
+            hulls.add_cells(lacking)
 
     def _others(
         self, boxes: OrientedBoxes, touching: Ints, bounds: Floats, radius_m: float, when: _When
@@ -314,7 +365,7 @@ class Scene:
         solids, limits, cells, others, distances, normals, points = zip(*rows, strict=True)
         count, own = len(rows), np.array(others) >= 0
         more, arrows, names = np.zeros((3, count)), np.empty((3, count, 3)), np.empty((5, count), np.int64)
-        more[0], more[2] = distances, self._stop_distances.take(limits)
+        more[0], more[2] = distances, self.stop_distances.take(limits)
         arrows[0], arrows[1] = normals, points
         arrows[2] = arrows[1] - more[0][:, None] * arrows[0]
         names[:] = self._link_of.take(solids), others, limits, np.where(own, -1, cells), solids

@@ -44,3 +44,8 @@ class Surroundings:
         limits = self.scene.uncertainty
         clearances, _ = with_protection(found, rows, kin, machine, T, self.unsure, limits, self.integrity)
         return clearances
+
+    def least(self, kin: Kinematics, radius_m: float) -> Floats:
+        """Return the least distance of each solid to each limit and own link at a posture (S, L) [m]."""
+        when = self.now_ns, self.off_states, self.let_off
+        return self.scene.least(kin, self.T_site_machine, radius_m, *when)

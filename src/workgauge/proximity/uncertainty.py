@@ -57,7 +57,9 @@ class MachineUncertainty:
             whole[:6, 6:] = cross
             whole[6:, :6] = cross.T
         freeze(whole)
-        return cls(whole, tool_sigma_m, cross is not None or joint_covariance is not None, not whole.any())
+        return cls(
+            whole, tool_sigma_m, cross is not None or joint_covariance is not None, not np.count_nonzero(whole)
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,6 +7,7 @@ from typing import Any
 from workgauge.geodesy.crs import ProjectedCrs
 from workgauge.geodesy.frame import SiteFrame
 from workgauge.machine.model import MachineModel
+from workgauge.motion.job import Job
 from workgauge.rehearse.located_log import machine_id_of, positioning_of
 from workgauge.rehearse.navigation import Known, Navigator
 from workgauge.rehearse.receivers import Receivers, near_of
@@ -147,13 +148,13 @@ class GnssSession(Session):
         """Whether the receivers have no more to say, or the run has lasted long enough."""
         return self._receivers.finished(self._now_ns) or self.t_s >= LONGEST_S
 
-    def step(self, intent: Intent | None = None) -> StepResult:
+    def step(self, intent: Intent | None = None, job: Job | None = None) -> StepResult:
         """Advance one tick once its time has come, then stand where the position says.
 
         A device that was unplugged becomes a warning of the session's stand.
         """
         self._receivers.wait_until(self._now_ns)
-        done = super().step(intent)
+        done = super().step(intent, job)
         gone = self._receivers.faults
         new = tuple(f"at {done.t_s:.1f} s: {fault}" for fault in gone if fault not in self._gone)
         if new:

@@ -20,6 +20,7 @@ from workgauge.loop.memory import first_memory
 from workgauge.loop.tick import Trace, tick
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
+from workgauge.motion.job import Job
 from workgauge.proximity.scene import Scene
 from workgauge.rehearse.choices import chosen_files, chosen_guard, chosen_place, chosen_posture
 from workgauge.rehearse.hydraulic_choice import Joints
@@ -312,11 +313,12 @@ class Session:
         stamp = Stamp(self.machine_id, self._now_ns, "operator")
         return Intent(stamp, mode, levers or Levers(), enable, line)
 
-    def step(self, intent: Intent | None = None) -> StepResult:
+    def step(self, intent: Intent | None = None, job: Job | None = None) -> StepResult:
         """Advance one tick: sensor bytes in, decide, valve bytes out, let the plant move for one period.
 
         Args:
             intent: what the operator wants, or None if nobody is there (then the machine stops).
+            job: what automatic motion is to do while the intent asks for it.
         """
         now = self._now_ns
         known = self._navigator.take(self._chunks(now), now, self._follower.track(self._tracks.own))
@@ -324,7 +326,7 @@ class Session:
         if known.pose is not None:
             self._tracks = self._standing_on(self._tracks, known.pose.T_site_machine)
         off, let_off = self.off_states, self._tracks.let_off
-        inputs = TickInputs(now, known.posture, known.pose, intent, self._scene, off, let_off, known.health)
+        inputs = TickInputs(now, known.posture, known.pose, intent, self._scene, off, let_off, known.health, job)
         began = time.perf_counter_ns()
         outputs, self._memory, trace = tick(inputs, self._memory, self._config)
         tick_ms = (time.perf_counter_ns() - began) * 1e-6
