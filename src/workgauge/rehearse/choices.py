@@ -21,7 +21,7 @@ from workgauge.values.errors import ScenarioError
 FARTHEST_M = 1e8
 
 
-def chosen_guard(name: str, parameters: Mapping[str, float]) -> Guard:
+def chosen_guard(name: str, parameters: Mapping[str, float | str]) -> Guard:
     """Return the guard of that name with these of its parameters changed.
 
     Raises:
@@ -33,6 +33,10 @@ def chosen_guard(name: str, parameters: Mapping[str, float]) -> Guard:
         if key not in known:
             raise ScenarioError(
                 f"guard {name} has no such parameter", element=key, allowed=", ".join(known) or "none"
+            )
+        if isinstance(parameters[key], str) and not isinstance(getattr(guard, key), str):
+            raise ScenarioError(
+                f"guard {name} needs a number here", element=key, value=parameters[key], allowed="a number"
             )
     chosen: Guard = replace(guard, **parameters)
     return chosen

@@ -23,11 +23,13 @@ class Moving:
 
     Attributes:
         joints: simulated, at rest. drive: what the tick sends their valves.
+        late: whether they are to be expected to follow late, so that automatic motion commands ahead.
         words: for people. assumption: what a run takes for granted of them.
     """
 
     joints: Joints
     drive: Drive
+    late: bool
     words: str
     assumption: str
 
@@ -43,6 +45,7 @@ def moving(choice: JointsChoice, machine: MachineModel) -> Moving:
         return Moving(
             joints_of(machine, None),
             IdealDrive.of(machine),
+            False,
             "ideal",
             "Joints are ideal: each follows its valve at once, without dead time, lag or flow limit.",
         )
@@ -50,7 +53,7 @@ def moving(choice: JointsChoice, machine: MachineModel) -> Moving:
     words = f"hydraulic, {'with numbers of its own' if own else 'as the machine file says'}"
     if isinstance(choice, HydraulicChoice) and choice.vary_seed is not None:
         words += f", drawn within tolerance by seed {choice.vary_seed}"
-    return Moving(joints_of(machine, spec), _drive(choice, machine), words, _assumption(spec, words))
+    return Moving(joints_of(machine, spec), _drive(choice, machine), True, words, _assumption(spec, words))
 
 
 def _drive(choice: JointsChoice, machine: MachineModel) -> HydraulicDrive:

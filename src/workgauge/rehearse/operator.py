@@ -8,6 +8,9 @@ from typing import Protocol
 import numpy as np
 
 from workgauge.machine.model import MachineModel
+from workgauge.motion.job import Job, JobFacts, JobState
+from workgauge.rehearse.auto_steps import FollowPath, GoTo
+from workgauge.rehearse.automatic import Automatic, AutoStep
 from workgauge.rehearse.scenario import DriveBack, DriveLine, DriveOut, Hold, MoveLevers, Step, Swing, WaitForTravel
 from workgauge.rehearse.targets import Targets
 from workgauge.values.arrays import Floats, frozen
@@ -44,7 +47,7 @@ class View:
 
     `tool_speed`: over the machine; a tool that is carried along stands still [m/s].
     `ready`: whether the program knows where the machine is; until then the enable switch is left alone.
-    `travelling`: whether the undercarriage still has a way to make.
+    `travelling`: whether the undercarriage still has a way to make. `job`: how far automatic motion is.
     """
 
     t_s: float
@@ -54,16 +57,18 @@ class View:
     tool_speed: float
     ready: bool = True
     travelling: bool = False
+    job: JobFacts | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hands:
-    """Where the hands are: what the levers mean, their positions, the line, and the enable switch."""
+    """Where the hands are: what the levers mean, their positions, the line, the job, and the enable switch."""
 
     mode: DriveMode = DriveMode.JOINT
     levers: Levers = field(default_factory=Levers)
     line: ToolLine | None = None
     enable: bool = True
+    job: Job | None = None
 
 
 class Action(Protocol):
@@ -190,17 +195,50 @@ class _Back:
         return Hands(DriveMode.LINE, Levers(right_y=-eased(self._deflection, left, EASE_M)), self._line)
 
 
+class _Automatic:
+    """Let the program do the jobs of a step, one after the other; where it is stuck, look for a way round once."""
+
+    def __init__(self, step: AutoStep, view: View, automatic: Automatic) -> None:
+        self.words = "go to" if isinstance(step, GoTo) else "follow"
+        self._step, self._automatic = step, automatic
+        self._jobs = list(automatic.begun(step, view.q, view.T_site_machine).jobs)
+        self._end_s = view.t_s + step.at_most_s
+        self._levers = Levers(right_y=step.pace)
+        self._planned = not (isinstance(step, GoTo) and step.plan)
+
+    def hands(self, view: View) -> Hands | None:
+        facts = view.job
+        if self._jobs and facts is not None and facts.job == self._jobs[0].id:
+            if facts.state is JobState.DONE:
+                self._jobs.pop(0)
+            elif facts.state is JobState.STUCK:
+                self._jobs = self._round(view)
+        if not self._jobs or view.t_s >= self._end_s:
+            return None
+        return Hands(DriveMode.AUTO, self._levers, job=self._jobs[0])
+
+    def _round(self, view: View) -> list[Job]:
+        """Return the jobs of a way round, none if there is none or it has been tried."""
+        if self._planned or not isinstance(self._step, GoTo):
+            return []
+        self._planned = True
+        found = self._automatic.around_it(self._step, view.q, view.T_site_machine)
+        return [] if isinstance(found, str) else list(found.jobs)
+
+
 class Operator:
     """Goes through the steps of a drive, one after the other.
 
     Args:
         steps: the drive. machine: the machine driven. targets: what the steps are aimed at.
+        automatic: turns automatic steps into jobs.
     """
 
-    def __init__(self, steps: Sequence[Step], machine: MachineModel, targets: Targets) -> None:
+    def __init__(self, steps: Sequence[Step], machine: MachineModel, targets: Targets, automatic: Automatic) -> None:
         self._steps = tuple(steps)
         self._machine = machine
         self._targets = targets
+        self._automatic = automatic
         self._next = 0
         self._action: Action | None = None
         self._line: ToolLine | None = None
@@ -245,6 +283,8 @@ class Operator:
             return _Timed("way out", view, step.for_s, Hands(DriveMode.EXIT, Levers(right_y=step.lever)))
         if isinstance(step, WaitForTravel):
             return _Waiting(step, view)
+        if isinstance(step, GoTo | FollowPath):
+            return _Automatic(step, view, self._automatic)
         if isinstance(step, DriveBack):
             assert self._line is not None, "a scenario has no `back` without a line before it"
             return _Back(step, view, self._line)

@@ -6,6 +6,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from workgauge.drive.api import Drive
+from workgauge.machine.model import MachineModel
+from workgauge.motion.job import Job
+from workgauge.rehearse.auto_series import AutoRecorder, AutoSeries
 from workgauge.rehearse.result import PositionSeries, Series, TickTimes, TravelSeries
 from workgauge.rehearse.step_result import StepResult
 from workgauge.rehearse.truth import Reading
@@ -40,9 +43,13 @@ class Recorder:
         self.states: list[str] = []
         self.travel: list[tuple[float, float, float, float, float]] = []
         self.own: list[str | None] = []
+        self._auto = AutoRecorder()
 
-    def take(self, done: StepResult, q: Floats, T_site_machine: Floats, tool: Floats, step: int) -> None:
-        """Take in one tick, with the true joints, machine pose and tool at its beginning."""
+    def take(
+        self, done: StepResult, q: Floats, T_site_machine: Floats, tool: Floats, step: int, job: Job | None = None
+    ) -> None:
+        """Take in one tick: true joints, machine pose and tool at its beginning, and the job it was given."""
+        self._auto.take(done.t_s, q, job, done.trace.job)
         trace = done.trace
         scale = trace.scale if trace.desired.any() else 1.0  # nothing wanted, nothing held back
         sent = self._drive.velocity(trace.valves, q.tolist())
@@ -109,6 +116,10 @@ class Recorder:
         if not wanted.any():
             return None
         return TravelSeries(wanted, speed, travelled, np.column_stack([x, y]), tuple(self.own))
+
+    def automatic(self, machine: MachineModel, T_site_machine: Floats, tick_s: float) -> AutoSeries | None:
+        """Return what automatic motion was to do and did, or None if there was none."""
+        return self._auto.series(machine, T_site_machine, tick_s)
 
     def _nearest_limits(self) -> dict[str, Floats]:
         """Return the clearance over time of the limits that came nearest."""

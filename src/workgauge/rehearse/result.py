@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from workgauge.rehearse.auto_series import AutoSeries
 from workgauge.rehearse.chatter import Chatter, chatter
 from workgauge.values.arrays import Floats
 from workgauge.values.limits import Limit
@@ -239,6 +240,7 @@ class RunResult:
         assumptions, warnings: sentences for people.
         position: what was believed against the truth, None where sensors were perfect.
         travel: the undercarriage's way, None if it stood still.
+        automatic: what automatic motion was to do and did, None if there was none.
     """
 
     title: str
@@ -270,6 +272,7 @@ class RunResult:
     warnings: tuple[str, ...] = field(default=())
     position: PositionSeries | None = None
     travel: TravelSeries | None = None
+    automatic: AutoSeries | None = None
 
     @property
     def ticks(self) -> int:
@@ -313,5 +316,6 @@ class RunResult:
             "chatter": None if (found := self.chatter()) is None else found.as_json(self.joint_names),
             "positioning": None if self.position is None else self.position.as_json(self.tick_s),
             "travel": None if self.travel is None else self.travel.as_json(self.tick_s),
+            "automatic": None if self.automatic is None else self.automatic.as_json(),
             "warnings": list(self.warnings),
         }

@@ -9,6 +9,8 @@ from workgauge.guard.api import Guard
 from workgauge.guard.travel import Brakes
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
+from workgauge.motion.job import JobFacts
+from workgauge.rehearse.automatic import Automatic
 from workgauge.rehearse.interventions import InterventionLog
 from workgauge.rehearse.operator import Operator, View
 from workgauge.rehearse.recording import Recorder
@@ -179,13 +181,16 @@ def run_session(
         ScenarioError: if a step is aimed at something that does not exist, a state is unknown, or the drive never
             ends.
     """
-    operator = Operator(steps, session.machine, _targets(session))
+    automatic = Automatic(session.machine, session.frame, session.surroundings, session.limit_names)
+    notes = automatic.checked(steps, *session.true_state)
+    operator = Operator(steps, session.machine, _targets(session), automatic)
     along_m, facing = session.start_along_m or (None, 1.0)
     driver = Driver(travel, along_m, facing, session.brakes)
     switches = _switches(session, states)
     recorder, log = Recorder(session.moving.drive), InterventionLog()
     start = session.snapshot()
     before = _in_machine(session.tool, session.true_state[1])
+    job: JobFacts | None = None
     while session.t_s < LONGEST_S and not session.finished:
         while switches and switches[0].at_s <= session.t_s + 1e-9:
             change = switches.pop(0)
@@ -194,14 +199,16 @@ def run_session(
         tool = session.tool
         here = _in_machine(tool, T)
         speed = float(np.linalg.norm(here - before)) / session.tick_s
-        hands = operator.hands(View(session.t_s, q, T, tool, speed, session.ready, not driver.over))
+        hands = operator.hands(View(session.t_s, q, T, tool, speed, session.ready, not driver.over, job))
         if hands is None:
             break
         speed_m_s, travelled_m = session.true_travel
         wanted = driver.wants(session.t_s, travelled_m, speed_m_s) if hands.enable else (0.0, 0.0)
         session.travel(*wanted)
-        done = session.step(session.intent(hands.mode, hands.levers, enable=hands.enable, line=hands.line))
-        recorder.take(done, q, T, tool, operator.step)
+        intent = session.intent(hands.mode, hands.levers, enable=hands.enable, line=hands.line)
+        done = session.step(intent, hands.job)
+        job = done.trace.job
+        recorder.take(done, q, T, tool, operator.step, hands.job)
         reasons = (*done.trace.reasons, *done.travel.reasons)
         log.take(done.t_s, session.tick_s, reasons, not hands.levers.neutral or bool(wanted[0]))
         before = here
@@ -209,7 +216,8 @@ def run_session(
             progress(_progress(session, operator, len(steps), done))
     if session.t_s >= LONGEST_S:
         raise ScenarioError("the drive does not end", element="drive", allowed=f"at most {LONGEST_S:g} s in all")
-    return _result(session, operator, recorder, log, start, (title, description, facts or {}), bool(states))
+    words = title, description, facts or {}
+    return _result(session, operator, recorder, log, start, words, bool(states), notes)
 
 
 def _in_machine(tool: Floats, T_site_machine: Floats) -> Floats:
@@ -253,6 +261,7 @@ def _result(
     start: Snapshot,
     words: tuple[str, str, dict[str, str]],
     switched: bool,
+    notes: tuple[str, ...],
 ) -> RunResult:
     title, description, facts = words
     truth, machine = session.truth, session.machine
@@ -288,9 +297,10 @@ def _result(
         limits=_near(session.limits, places),
         limit_names={limit.id: limit.name for limit in session.limit_set.limits},
         assumptions=run_assumptions(session, travel is not None, switched),
-        warnings=(*session.site.warnings, *session.limit_set.warnings, *session.stand.warnings),
+        warnings=(*session.site.warnings, *session.limit_set.warnings, *session.stand.warnings, *notes),
         position=recorder.positions(),
         travel=travel,
+        automatic=recorder.automatic(machine, session.true_state[1], session.tick_s),
     )
 
 

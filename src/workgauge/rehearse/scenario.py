@@ -1,36 +1,27 @@
 """The scenario's own types: what machine stands where on which site, and what its levers do when."""
 
-from collections.abc import Iterable
 from datetime import datetime
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from workgauge.rehearse.auto_steps import FollowPath, GoTo
 from workgauge.rehearse.hydraulic_choice import Joints
+from workgauge.rehearse.part import (
+    Deflection,
+    Finite,
+    LeverName,
+    LeverPosition,
+    NotNegative,
+    Part,
+    Positive,
+    exactly_one,
+)
 from workgauge.rehearse.sensing import FaultChoice, Sensors
 from workgauge.sim.sensors.kit import START_UTC
 
 #: The first hold lasts at least this [s].
 SHORTEST_FIRST_HOLD_S = 0.1
-
-Positive: TypeAlias = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative: TypeAlias = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
-Deflection: TypeAlias = Annotated[float, Field(gt=0, le=1)]
-LeverName: TypeAlias = Literal["left_x", "left_y", "right_x", "right_y", "left_roller", "right_roller"]
-LeverPosition: TypeAlias = Annotated[float, Field(ge=-1, le=1)]
-
-
-class Part(BaseModel):
-    """A part of a scenario: unknown keys refused, values fixed once read."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-def _exactly_one(part: Part, names: Iterable[str]) -> None:
-    given = [name for name in names if getattr(part, name) is not None]
-    if len(given) != 1:
-        raise ValueError(f"exactly one of {', '.join(names)} is needed, {len(given)} given")
 
 
 class SiteChoice(Part):
@@ -44,7 +35,7 @@ class SiteChoice(Part):
 
     @model_validator(mode="after")
     def _one(self) -> "SiteChoice":
-        _exactly_one(self, ("files", "shipped"))
+        exactly_one(self, ("files", "shipped"))
         return self
 
 
@@ -60,7 +51,7 @@ class OnTrack(Part):
 
     @model_validator(mode="after")
     def _one(self) -> "OnTrack":
-        _exactly_one(self, ("distance_m", "station_m"))
+        exactly_one(self, ("distance_m", "station_m"))
         return self
 
 
@@ -82,7 +73,7 @@ class Start(Part):
 
     @model_validator(mode="after")
     def _one(self) -> "Start":
-        _exactly_one(self, ("on_track", "on_ground"))
+        exactly_one(self, ("on_track", "on_ground"))
         return self
 
 
@@ -90,7 +81,7 @@ class GuardChoice(Part):
     """The guard by name, and its parameters by theirs; parameters not named keep the guard's defaults."""
 
     name: str = "linear"
-    parameters: dict[str, Finite] = Field(default_factory=dict)
+    parameters: dict[str, Finite | str] = Field(default_factory=dict)
 
 
 class Target(Part):
@@ -109,7 +100,7 @@ class Target(Part):
 
     @model_validator(mode="after")
     def _one(self) -> "Target":
-        _exactly_one(self, ("nearest", "limit", "east_m", "direction"))
+        exactly_one(self, ("nearest", "limit", "east_m", "direction"))
         if (self.east_m is None) != (self.north_m is None):
             raise ValueError("east_m and north_m go together")
         if self.height_m is not None and self.east_m is None:
@@ -155,7 +146,7 @@ class DriveLine(Part):
 
     @model_validator(mode="after")
     def _one(self) -> "DriveLine":
-        _exactly_one(self, ("for_s", "stopped_for_s"))
+        exactly_one(self, ("for_s", "stopped_for_s"))
         return self
 
 
@@ -183,7 +174,8 @@ class WaitForTravel(Part):
 
 
 Step: TypeAlias = Annotated[
-    Hold | MoveLevers | Swing | DriveLine | DriveBack | DriveOut | WaitForTravel, Field(discriminator="do")
+    Hold | MoveLevers | Swing | DriveLine | DriveBack | DriveOut | GoTo | FollowPath | WaitForTravel,
+    Field(discriminator="do"),
 ]
 
 
@@ -200,7 +192,7 @@ class TravelStep(Part):
 
     @model_validator(mode="after")
     def _one(self) -> "TravelStep":
-        _exactly_one(self, ("distance_m", "to_m"))
+        exactly_one(self, ("distance_m", "to_m"))
         if self.distance_m == 0:
             raise ValueError("distance_m must not be zero")
         if self.radius_m is not None and abs(self.radius_m) < 1.0:

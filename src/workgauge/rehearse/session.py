@@ -20,7 +20,10 @@ from workgauge.loop.memory import first_memory
 from workgauge.loop.tick import Trace, tick
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
+from workgauge.motion.desired import MotionConfig
+from workgauge.motion.follow import FollowSettings
 from workgauge.motion.job import Job
+from workgauge.motion.looking_ahead import Surroundings
 from workgauge.proximity.scene import Scene
 from workgauge.rehearse.choices import chosen_files, chosen_guard, chosen_place, chosen_posture
 from workgauge.rehearse.hydraulic_choice import Joints
@@ -102,7 +105,7 @@ class Session:
         *,
         posture: Mapping[str, float] | None = None,
         attachment: str | None = None,
-        guard_parameters: Mapping[str, float] | None = None,
+        guard_parameters: Mapping[str, float | str] | None = None,
         tick_s: float = 0.01,
         epsg: int | None = None,
         brakes: Brakes | None = None,
@@ -163,6 +166,7 @@ class Session:
             radius_m=radius_m,
             tool_sigma_m=0.0 if sensors == "perfect" and source is None else None,
             drive=self.moving.drive,
+            motion=MotionConfig(follow=FollowSettings(compensate=self.moving.late)),
         )
         self._memory = first_memory(self._config)
         self._observers: list[Observer] = []
@@ -189,6 +193,18 @@ class Session:
     def config(self) -> TickConfig:
         """What the tick is set up with."""
         return self._config
+
+    @property
+    def limit_names(self) -> dict[str, str]:
+        """Limit id to what a person calls it."""
+        return {limit.id: limit.name for limit in self.limit_set.limits}
+
+    def surroundings(self) -> Surroundings:
+        """Return what stands around the machine now, as planning looks at it."""
+        return Surroundings(
+            *(self._scene, self.true_state[1], getattr(self.guard, "stop_distance_m", 0.0), self._now_ns),
+            *(self.off_states, self._tracks.let_off),
+        )
 
     @property
     def scene(self) -> Scene:

@@ -1,0 +1,76 @@
+"""Steps of a drive that automatic motion does: a goal for the tool, or a path of it."""
+
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import Field, model_validator
+
+from workgauge.rehearse.part import Deflection, Finite, NotNegative, Part, Positive
+from workgauge.values.tasks import Orientation
+
+Frame: TypeAlias = Literal["machine", "site"]
+Place: TypeAlias = tuple[Finite, Finite, Finite]
+Angles: TypeAlias = tuple[Finite, Finite, Finite]
+Speed: TypeAlias = Annotated[float, Field(gt=0, le=5)]
+
+
+class PathPoint(Part):
+    """One point of a path."""
+
+    at_m: Place = Field(description="x forward, y left, z up from the undercarriage; or east, north, height")
+    rpy_deg: Angles | None = Field(
+        default=None, description="roll, pitch, yaw of the tool frame, about the fixed axes x, y, z of the same frame"
+    )
+
+
+class _Automatic(Part):
+    """What all automatic steps share."""
+
+    frame: Frame = Field(default="machine", description="what coordinates and angles are counted in")
+    orientation: Orientation | None = Field(
+        default=None, description="how much of it counts; left out, all the machine can hold, none without rpy_deg"
+    )
+    speed_m_s: Speed = Field(default=0.5, description="of the tool")
+    turn_deg_s: Annotated[float, Field(gt=0, le=360)] | None = Field(default=None, description="of the tool, at most")
+    share: Deflection = Field(default=0.8, description="of joint speeds and pump flow that the plan may use")
+    pace: Deflection = Field(default=1.0, description="how fast the operator lets it run, 1 as planned")
+    tolerance_mm: Positive = 20.0
+    tolerance_deg: Positive = 1.0
+    deviation_m: NotNegative = Field(
+        default=0.0,
+        description="so far limits may push the tool off its path; with 0 a path into a limit is refused beforehand",
+    )
+    around: bool = Field(default=True, description="go round what blocks it")
+    at_most_s: Positive = 300.0
+
+
+class GoTo(_Automatic):
+    """Bring the tool to a pose: on a straight line, or by the joints, round what is in the way."""
+
+    do: Literal["go_to"]
+    goal: PathPoint
+    by: Literal["line", "joints", "loop"] = Field(
+        default="line",
+        description="a planned straight line, planned joints, or closed-loop inverse kinematics without a plan",
+    )
+    plan: bool = Field(default=True, description="look for a way through joint space when it is stuck")
+
+
+class FollowPath(_Automatic):
+    """Follow a path of the tool, its beginning reached by the joints first."""
+
+    do: Literal["follow"]
+    points: tuple[PathPoint, ...] = Field(description="two or more")
+    kind: Literal["polyline", "spline"] = "polyline"
+    blend_mm: NotNegative = Field(default=0.0, description="so far rounded corners may pass from their points")
+    repeat: Annotated[int, Field(ge=1, le=1000)] = 1
+
+    @model_validator(mode="after")
+    def _enough(self) -> "FollowPath":
+        if len(self.points) < 2:
+            raise ValueError(f"a path needs two points or more, {len(self.points)} given")
+        given = [point.rpy_deg is not None for point in self.points]
+        if any(given) and not all(given):
+            raise ValueError("rpy_deg of every point, or of none")
+        if self.repeat > 1 and self.points[0] != self.points[-1]:
+            raise ValueError("a path that repeats must end where it begins")
+        return self
