@@ -48,6 +48,7 @@ def test_exactly_the_documented_object_and_the_report(cli, write, tmp_path: Path
         "chatter",
         "positioning",
         "travel",
+        "automatic",
         "warnings",
     ]
     assert (data["ticks"], data["simulated_s"], data["entries"]) == (140, 1.4, 0)

@@ -118,6 +118,7 @@ def test_json_has_exactly_the_documented_keys(run: RunResult) -> None:
         "chatter",
         "positioning",
         "travel",
+        "automatic",
         "warnings",
     ]
     first = data["interventions"][0]

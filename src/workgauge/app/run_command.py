@@ -23,6 +23,7 @@ from workgauge.rehearse.scenario import OnGround, StateChange, Step, TravelStep
 from workgauge.rehearse.scenario_file import load_scenario
 from workgauge.rehearse.session import Session
 from workgauge.rehearse.tick_log import Origin, recorded
+from workgauge.report.auto_section import JOB_COLUMNS, job_row
 from workgauge.report.page import write_report
 from workgauge.report.verdict import details, headline, metres
 from workgauge.values.errors import ScenarioError
@@ -256,6 +257,9 @@ def _show(result: RunResult) -> None:
         ("tick", f"{tick.p50:.2f} ms median, {tick.p99:.2f} ms 99th percentile, {tick.max:.2f} ms largest"),
     ]
     console.print(facts(result.title, pairs))
+    if result.automatic is not None:
+        console.print()
+        console.print(table("Jobs", JOB_COLUMNS, [job_row(result, job) for job in result.automatic.jobs]))
     if result.interventions:
         columns = [
             ("at [s]", True),

@@ -61,6 +61,7 @@ class AutoSeries:
         designed_q: (n, joints) joints on the trajectory [rad, m].
         error_m, error_rad: (n,) between the two. rate: (n,) how fast the trajectory's time ran.
         left: (n,) share of what was wanted that motion left before limits.
+        T_site_machine: (4, 4) where the machine stood at the end, in the site's local frame.
     """
 
     jobs: tuple[JobRun, ...]
@@ -72,6 +73,7 @@ class AutoSeries:
     error_rad: Floats
     rate: Floats
     left: Floats
+    T_site_machine: Floats
 
     @property
     def completed(self) -> bool:
@@ -136,7 +138,10 @@ class AutoRecorder:
         for angles in (designed, driven):
             angles[:, 3:] = _unwrapped(angles[:, 3:])
         jobs = tuple(self._run(name, tick_s) for name in order)
-        return AutoSeries(jobs, which, designed, driven, designed_q, *numbers)
+        error_m, error_rad, rate, left = numbers
+        return AutoSeries(
+            jobs, which, designed, driven, designed_q, error_m, error_rad, rate, left, np.array(T_site_machine)
+        )
 
     def _run(self, name: str, tick_s: float) -> JobRun:
         rows = [(t, facts) for t, _, _, facts in self._rows if facts is not None and facts.job == name]

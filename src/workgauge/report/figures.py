@@ -14,13 +14,15 @@ def _time_range(result: RunResult) -> tuple[float, float]:
 def clearance_figure(result: RunResult) -> str:
     """Return the true clearance to the nearest limits over time, with p_u and p_l, after figure 4.4.
 
-    The limit that came nearest is drawn bold.
+    The limit that came nearest is drawn bold. The machine's own links are there where they held it or met.
     """
     series = result.series
     first = next(iter(series.by_limit.values()), series.true_m)
     seen = first[np.isfinite(first)]
     top = float(max(seen.max(initial=0.0), 1.2 * (result.slow_distance_m or 0.0), 0.5)) * 1.06
-    low = float(min(0.0, seen.min(initial=0.0))) * 1.1
+    own = own_links_matter(result)
+    least = np.concatenate([seen, series.self_m[np.isfinite(series.self_m)]]) if own else seen
+    low = float(min(0.0, least.min(initial=0.0))) * 1.1
     chart = Chart("True clearance over time", "time [s]", "clearance [m]", _time_range(result), (low, top))
     if low < 0:
         chart.band(low, 0.0, "bad")
@@ -32,12 +34,20 @@ def clearance_figure(result: RunResult) -> str:
             chart.band(result.stop_distance_m, result.slow_distance_m, "slow")
         chart.threshold(result.slow_distance_m, f"p_u {result.slow_distance_m:.2f} m", "slow")
     chart.marks(result.steps)
+    if own:
+        chart.line(series.t_s, np.where(series.self_m <= top, series.self_m, np.nan), "own", "its own links")
     for i, (limit, clearance) in reversed(list(enumerate(series.by_limit.items()))):
         shown = np.where(clearance <= top, clearance, np.nan)
         chart.line(series.t_s, shown, "s0 main" if i == 0 else f"s{i + 1} beside", result.name_of(limit))
     if result.min_clearance_m is not None:
         chart.dot(result.nearest.t_s, result.min_clearance_m, f"{result.min_clearance_m:.3f} m")
     return chart.svg()
+
+
+def own_links_matter(result: RunResult) -> bool:
+    """Return whether the machine's own links held it back, or entered each other."""
+    held = any(cause.limit is not None and cause.limit.startswith("self:") for cause in result.interventions)
+    return held or bool(result.self_entries)
 
 
 def _speeds(result: RunResult, rates: Floats) -> Floats:

@@ -5,7 +5,9 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 
+from workgauge.motion.job import JobState
 from workgauge.rehearse.result import RunResult
+from workgauge.report.auto_section import automatic_section
 from workgauge.report.chatter_figures import chatter_section
 from workgauge.report.figures import clearance_figure, scale_figure, speed_figure
 from workgauge.report.position_figures import position_section
@@ -39,6 +41,7 @@ def _tiles(result: RunResult) -> str:
         (str(len(result.entries)), "entries into a limit"),
         (f"{result.simulated_s:.2f} s", f"simulated, {result.ticks} ticks of {result.tick_s * 1000:g} ms"),
         (str(len(result.interventions)), "interventions"),
+        *_automatic_tiles(result),
         (f"{result.tick_ms.p99:.2f} ms", f"tick, 99th percentile (median {result.tick_ms.p50:.2f} ms)"),
     ]
     return (
@@ -48,9 +51,21 @@ def _tiles(result: RunResult) -> str:
     )
 
 
+def _automatic_tiles(result: RunResult) -> list[tuple[str, str]]:
+    auto = result.automatic
+    if auto is None:
+        return []
+    done = sum(job.state is JobState.DONE for job in auto.jobs)
+    tiles = [(f"{done} of {len(auto.jobs)}", "jobs done")]
+    over = auto.as_json()["driven_over_planned"]
+    if over is not None:
+        tiles.append((f"{over:.2f}", f"of the planned time: {auto.driven_s:.2f} s for {auto.planned_s:.2f} s"))
+    return tiles
+
+
 def _interventions(result: RunResult) -> str:
     if not result.interventions:
-        return "<p>None: the machine moved as its levers said.</p>"
+        return "<p>None: the machine moved as it was asked to.</p>"
     rows = []
     for cause in result.interventions:
         limit = "" if cause.limit is None else f"{result.name_of(cause.limit)} ({cause.limit})"
@@ -108,6 +123,11 @@ def _rule(result: RunResult) -> str:
     return "An approach is slowed as late as still stops in time; at p_l it is refused."
 
 
+def _asking(result: RunResult) -> str:
+    """Return in words who asked for joint speeds."""
+    return "the levers" if result.automatic is None else "automatic motion or the levers"
+
+
 def _list(sentences: tuple[str, ...]) -> str:
     return '<ul class="plain">' + "".join(f"<li>{escape(s)}</li>" for s in sentences) + "</ul>"
 
@@ -141,10 +161,11 @@ def render(result: RunResult) -> str:
 Moving away is never slowed.</p>
 {clearance_figure(result)}
 </section>
+{automatic_section(result)}
 {position_section(result)}
 <section>
 <h2>Joint speeds</h2>
-<p>What the guard let through; thin dashed lines are what the levers asked for.</p>
+<p>What the guard let through; thin dashed lines are what {_asking(result)} asked for.</p>
 {speed_figure(result)}
 {scale_figure(result)}
 </section>

@@ -8,7 +8,7 @@ import numpy as np
 from workgauge.rehearse.result import PositionSeries, RunResult, TravelSeries
 from workgauge.report.axes import Chart
 from workgauge.report.sections import plan_outline
-from workgauge.report.views import HEIGHT, WIDTH, View
+from workgauge.report.views import HEIGHT, NORTH, WIDTH, View
 from workgauge.values.arrays import Floats
 
 #: What people call the states of health.
@@ -131,11 +131,7 @@ def way_view(result: RunResult, travel: TravelSeries) -> str:
     view.path(_thinned(travel.path), "waypath", "way of the undercarriage")
     view.dot(travel.path[0], "tool-start", "undercarriage at the start")
     view.dot(travel.path[-1], "gap-end", "undercarriage at the end")
-    north = (
-        f'<g transform="translate({WIDTH - 26} 34)"><path class="north" d="M0 -20L7 8L0 3L-7 8Z"/>'
-        '<text class="tick" y="24" text-anchor="middle">N</text></g>'
-    )
-    return view.svg(north)
+    return view.svg(NORTH)
 
 
 def _thinned(points: Floats, most: int = 1500) -> Floats:

@@ -16,6 +16,12 @@ from workgauge.values.solids import Box
 
 WIDTH, HEIGHT = 620, 470
 
+#: The arrow of plans.
+NORTH = (
+    f'<g transform="translate({WIDTH - 26} 34)"><path class="north" d="M0 -20L7 8L0 3L-7 8Z"/>'
+    '<text class="tick" y="24" text-anchor="middle">N</text></g>'
+)
+
 
 @dataclass
 class View:
@@ -105,7 +111,7 @@ def _boxes(snapshot: Snapshot) -> list[tuple[str, Floats]]:
     ]
 
 
-def _draw_machine(view: View, snapshot: Snapshot, css: str, flatten: Floats, origin: Floats) -> None:
+def draw_machine(view: View, snapshot: Snapshot, css: str, flatten: Floats, origin: Floats) -> None:
     """Draw the silhouettes of the link boxes; `flatten` (3, 2) maps site coordinates to drawing coordinates."""
     for name, corners in _boxes(snapshot):
         view.shape(
@@ -127,8 +133,8 @@ def _extent(result: RunResult, flatten: Floats, origin: Floats) -> tuple[Floats,
 
 
 def _draw_motion(view: View, result: RunResult, flatten: Floats, origin: Floats) -> None:
-    _draw_machine(view, result.nearest, "now", flatten, origin)
-    _draw_machine(view, result.start, "then", flatten, origin)
+    draw_machine(view, result.nearest, "now", flatten, origin)
+    draw_machine(view, result.start, "then", flatten, origin)
     tool = (result.series.tool - origin) @ flatten
     view.path(tool, "toolpath", "path of the tool centre point")
     view.dot(tool[0], "tool-start", "tool at the start")
@@ -151,11 +157,7 @@ def plan_view(result: RunResult) -> str:
         outline = plan_outline(limit.solid, np.append(centre, 0.0), reach)
         view.shape(outline, f"limit {limit.kind}", f"{limit.name} ({limit.id})")
     _draw_motion(view, result, flatten, origin)
-    north = (
-        f'<g transform="translate({WIDTH - 26} 34)"><path class="north" d="M0 -20L7 8L0 3L-7 8Z"/>'
-        '<text class="tick" y="24" text-anchor="middle">N</text></g>'
-    )
-    return view.svg(north)
+    return view.svg(NORTH)
 
 
 def side_direction(result: RunResult) -> Floats:
