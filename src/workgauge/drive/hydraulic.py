@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from workgauge.machine.cylinder import Cylinder
 from workgauge.machine.model import MachineModel
@@ -141,6 +142,7 @@ def _share(opening: int, band: float) -> float:
     return max(opening / VALVE_FULL - band, 0.0) / (1.0 - band)
 
 
+@lru_cache(maxsize=256)
 def _closed(band: float) -> int:
     """Return the largest opening that has no share of full speed."""
     opening = math.floor(band * VALVE_FULL) + 1

@@ -39,6 +39,7 @@ class TickConfig:
         motion: levers and inverse kinematics.
         drive: velocity to valves. max_step: (n) largest valve opening per tick, beyond what the drive jumps.
         gate: the gate's own limits.
+        ranges: whether the guard is to say what each lever may still do.
     """
 
     machine: MachineModel
@@ -55,6 +56,7 @@ class TickConfig:
     drive: Drive
     max_step: tuple[int, ...]
     gate: GateConfig
+    ranges: bool = True
 
 
 def tick_config(

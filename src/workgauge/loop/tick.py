@@ -16,7 +16,7 @@ from workgauge.loop.memory import TickMemory
 from workgauge.machine.model import Kinematics
 from workgauge.motion.desired import MotionMemory, exit_share, tool_rates
 from workgauge.motion.follow import released
-from workgauge.motion.job import JobFacts
+from workgauge.motion.job import JobFacts, JobMemory
 from workgauge.proximity.protection import with_protection
 from workgauge.proximity.surroundings import Surroundings
 from workgauge.proximity.uncertainty import MachineUncertainty
@@ -85,7 +85,7 @@ def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[Ti
     sent = np.array(config.drive.velocity(memory.valves, at))
     elapsed_s = config.dt_s if memory.at_ns is None else max((now - memory.at_ns) * 1e-9, 0.0)
     guard_memory: Memory | None = None
-    job_memory = released(memory.job)
+    job_memory: JobMemory | None = None
     job_facts: JobFacts | None = None
 
     if seen.posture is not None and seen.pose is not None:
@@ -99,7 +99,7 @@ def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[Ti
                 *(memory.motion, memory.job, config),
                 sent=sent,
             )
-            wanted, motion_memory, job_memory, job_facts = asked.velocity, asked.motion, asked.job, asked.facts
+            wanted, motion_memory, job_facts = asked.velocity, asked.motion, asked.facts
             given = GuardInput(
                 desired=wanted,
                 q=kin.q,
@@ -117,16 +117,18 @@ def tick(inputs: TickInputs, memory: TickMemory, config: TickConfig) -> tuple[Ti
                 elapsed_s=elapsed_s,
                 age_s=seen.posture.stamp.age_s(now),
                 around=around,
-                tool_rates=tool_rates(machine, kin, config.motion),
+                tool_rates=tool_rates(machine, kin, config.motion) if config.ranges else None,
                 exit_share=exit_share(seen.intent, motion_memory),
                 task=asked.task,
             )
             result, guard_memory = config.guard.allow(given, memory.guard)
             allowed, scale, ranges, way_out = result.allowed, result.scale, result.ranges, result.exit
             reasons += (*asked.reasons, *result.reasons)
-            job_memory = replace(job_memory, allowed=scale)
+            job_memory = replace(asked.job, allowed=scale)
     if guard_memory is None:
         guard_memory = config.guard.idle(sent, machine, config.dt_s, elapsed_s, memory.guard)
+    if job_memory is None:
+        job_memory = released(memory.job)
 
     valves = ramped(
         memory.valves, config.drive.valves(allowed.tolist(), at, memory.valves), config.max_step, config.drive.jump

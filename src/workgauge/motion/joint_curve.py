@@ -34,7 +34,8 @@ class JointCurve:
 
     def piece(self, s: Floats) -> Ints:
         """Return which piece (N,) each s (N,) lies on; a knot belongs to the piece that begins there."""
-        return np.asarray(np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2), dtype=np.int64)
+        found = np.minimum(np.maximum(self.s.searchsorted(s, side="right") - 1, 0), len(self.s) - 2)
+        return np.asarray(found, dtype=np.int64)
 
     def at(self, s: Floats, piece: Ints | None = None) -> tuple[Floats, Floats, Floats]:
         """Return q, dq/ds and d2q/ds2 (N, n each) at s (N,), on the pieces (N,) given or those they lie on."""
@@ -47,3 +48,27 @@ class JointCurve:
         first = (out + x * (2.0 * square + 3.0 * x * cube)) / width
         second = (2.0 * square + 6.0 * x * cube) / width**2
         return q, first, second
+
+    def at_one(self, s: float, on: float) -> tuple[Floats, Floats]:
+        """Return q and dq/ds (n,) at one s, on the piece that `on` lies on."""
+        k = min(max(int(self.s.searchsorted(on, side="right")) - 1, 0), len(self.s) - 2)
+        begin, end = self.s[k : k + 2].tolist()
+        return _hermite(
+            (s - begin) / (end - begin), end - begin, self.q[k], self.q[k + 1], self.leaving[k], self.arriving[k]
+        )
+
+    def at_joints(self, s: Floats, piece: Ints, joint: Ints) -> tuple[Floats, Floats]:
+        """Return q and dq/ds (N,) of joints (N,), each at its own s (N,), on the pieces (N,) given."""
+        begin, begins = self.s[piece], (piece, joint)
+        width = self.s[piece + 1] - begin
+        ends = self.q[begins], self.q[piece + 1, joint]
+        return _hermite((s - begin) / width, width, *ends, self.leaving[begins], self.arriving[begins])
+
+
+def _hermite(
+    x: float | Floats, width: float | Floats, begin: Floats, end: Floats, leaving: Floats, arriving: Floats
+) -> tuple[Floats, Floats]:
+    """Return value and slope at a share x of a cubic piece, from its ends' values and slopes."""
+    rise, out, into = end - begin, width * leaving, width * arriving
+    square, cube = 3.0 * rise - 2.0 * out - into, out + into - 2.0 * rise
+    return begin + x * (out + x * (square + x * cube)), (out + x * (2.0 * square + 3.0 * x * cube)) / width

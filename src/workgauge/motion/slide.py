@@ -94,8 +94,10 @@ def slid(
         goal: (3,) where the tool wants to go, from where it is, machine frame; length does not matter.
         around: (3,) the direction it goes round in already, zeros for none; None if it is not to go round.
     """
-    metric = _metric(J, low, high, settings.turn_m)
     floors = -np.maximum(surround.room - settings.keep_m, 0.0) / (settings.ahead_s + late_s)
+    if (surround.rows @ wish >= floors).all() and (wish >= low).all() and (wish <= high).all():
+        return Slid(wish, 1.0, -1, np.zeros(3))
+    metric = _metric(J, settings.turn_m)
     near = np.flatnonzero(np.minimum(surround.rows * low, surround.rows * high).sum(axis=1) < floors)
     rows, floors = surround.rows[near], floors[near]
     plain, weights = _nearest(wish, metric, rows, floors, low, high)
@@ -111,7 +113,7 @@ def slid(
     best, best_score, chosen = plain, -np.inf, np.zeros(3)
     for direction in _tangents(normal, around):
         twist = np.concatenate([settings.around_m_s * direction, np.zeros(3)])
-        asked = np.clip(plain + inverse @ twist, low, high)
+        asked = np.minimum(np.maximum(plain + inverse @ twist, low), high)
         found, _ = _nearest(asked, metric, rows, floors, low, high)
         moved = J[:3] @ (found - plain)
         score = float(direction @ moved) / settings.around_m_s
@@ -124,12 +126,12 @@ def slid(
     return Slid(best, left, against, chosen)
 
 
-def _metric(J: Floats, low: Floats, high: Floats, turn_m: float) -> Floats:
+def _metric(J: Floats, turn_m: float) -> Floats:
     """Return the metric (n, n) of joint velocities as the tool feels them, and a little of every joint's own."""
-    weights = np.array([1.0, 1.0, 1.0, turn_m, turn_m, turn_m])
-    felt = weights[:, None] * J
-    reach = np.linalg.norm(felt, axis=0).max(initial=1e-3)
-    metric: Floats = felt.T @ felt + np.diag(np.full(J.shape[1], (0.05 * reach) ** 2))
+    felt = np.concatenate([J[:3], turn_m * J[3:]])
+    metric: Floats = felt.T @ felt
+    own = metric.reshape(-1)[:: J.shape[1] + 1]
+    own += 0.05**2 * max(float(own.max(initial=0.0)), 1e-6)
     return metric
 
 
@@ -141,13 +143,13 @@ def _nearest(
     Zero always qualifies; should the solver fail, what of the wish keeps every row is taken along its ray.
     """
     n, k = len(wish), len(rows)
-    clipped = np.clip(wish, low, high)
-    if not k and np.array_equal(clipped, wish):
+    clipped = np.minimum(np.maximum(wish, low), high)
+    if not k and (clipped == wish).all():
         return clipped, np.zeros(0)
     upper, lower = np.concatenate([high, np.full(k, _UNBOUNDED)]), np.concatenate([low, floors])
     found, _, flag, info = daqp.solve(metric, -(metric @ wish), np.ascontiguousarray(rows), upper, lower)
     if flag >= 1 and np.isfinite(found).all():
-        point = np.clip(found, low, high)
+        point = np.minimum(np.maximum(found, low), high)
         if (rows @ point >= floors - 1e-6).all():
             return point, np.maximum(-info["lam"][n:], 0.0)
     change = rows @ clipped

@@ -1,5 +1,6 @@
 """Joints over time: a path of the joints and how fast it is driven."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,9 +45,34 @@ class Trajectory:
         return float(self.times[-1])
 
     def at(self, t: float) -> tuple[Floats, Floats, float]:
-        """Return q (n,), qdot (n,) and the path variable at a time [s], held to the duration."""
-        q, qdot, s = self.many([t])
-        return q[0], qdot[0], float(s[0])
+        """Return q (n,), qdot (n,) and the path variable at a time [s], held to the duration.
+
+        Raises:
+            InputError: if it is no number.
+        """
+        if math.isnan(t):
+            raise InputError("not a time", element="t", value=t, allowed="seconds")
+        t = min(max(t, 0.0), self.duration_s)
+        i = min(max(int(self.times.searchsorted(t, side="right")) - 1, 0), len(self.times) - 2)
+        (begin, end), (s_0, s_1) = self.times[i : i + 2].tolist(), self.s[i : i + 2].tolist()
+        before, after = self.rate[i : i + 2].tolist()
+        since, step = t - begin, end - begin
+        s = min(s_0 + since * (before + 0.5 * (after - before) / step * since), s_1)
+        share = since / step
+        q, slope = self.curve.at_one(s, 0.5 * (s_0 + s_1))
+        return q, slope * ((1.0 - share) * before + share * after), s
+
+    def each(self, t: Floats, t_speed: Floats) -> tuple[Floats, Floats]:
+        """Return the joints (n,), each at its own time t (n,) [s], and their speeds (n,) at t_speed (n,).
+
+        Raises:
+            InputError: if a time is no number.
+        """
+        n = len(t)
+        s, rate, _, interval = self._moving(np.concatenate([t, t_speed]))
+        joint = np.arange(n)
+        q, slope = self.curve.at_joints(s, self._pieces(interval), np.concatenate([joint, joint]))
+        return q[:n], slope[n:] * rate[n:]
 
     def many(self, t: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Return q (k, n), qdot (k, n) and the path variable (k,) at times t (k,) [s], held to the duration.
@@ -100,13 +126,14 @@ class Trajectory:
         time = np.asarray(t, dtype=np.float64)
         if np.isnan(time).any():
             raise InputError("not a time", element="t", value=float("nan"), allowed="seconds")
-        time = np.clip(time, 0.0, self.times[-1])
-        i = np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.times) - 2)
-        since, step = time - self.times[i], self.times[i + 1] - self.times[i]
-        pull = (self.rate[i + 1] - self.rate[i]) / step
-        s = np.minimum(self.s[i] + since * (self.rate[i] + 0.5 * pull * since), self.s[i + 1])
+        time = np.minimum(np.maximum(time, 0.0), self.times[-1])
+        i = np.minimum(np.maximum(self.times.searchsorted(time, side="right") - 1, 0), len(self.times) - 2)
+        begin, before, after = self.times[i], self.rate[i], self.rate[i + 1]
+        since, step = time - begin, self.times[i + 1] - begin
+        pull = (after - before) / step
+        s = np.minimum(self.s[i] + since * (before + 0.5 * pull * since), self.s[i + 1])
         share = since / step
-        return s, (1.0 - share) * self.rate[i] + share * self.rate[i + 1], pull, np.asarray(i, dtype=np.int64)
+        return s, (1.0 - share) * before + share * after, pull, np.asarray(i, dtype=np.int64)
 
     def _pieces(self, interval: Ints) -> Ints:
         """Return the curve's pieces (k,) that the intervals (k,) lie on."""

@@ -62,7 +62,8 @@ def configured(written: Mapping[str, Any], machine: MachineModel) -> TickConfig:
     hints = get_type_hints(TickConfig)
     try:
         settings = written["tick"]
-        made = {name: from_plain(hint, settings[name]) for name, hint in hints.items() if _plain(name)}
+        given = {name: hint for name, hint in hints.items() if _plain(name) and name in settings}
+        made = {name: from_plain(hint, settings[name]) for name, hint in given.items()}
         guard = _guard(str(written["guard"]), written["guard_parameters"])
         return TickConfig(machine=machine, guard=guard, drive=_drive(written["drive"]), **made)
     except (KeyError, TypeError, ValueError, AttributeError) as error:

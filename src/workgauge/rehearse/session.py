@@ -30,6 +30,7 @@ from workgauge.rehearse.hydraulic_choice import Joints
 from workgauge.rehearse.joints import moving
 from workgauge.rehearse.navigation import Known, Source, armed
 from workgauge.rehearse.posture import LetOff, start_posture
+from workgauge.rehearse.preview import Preview, preview
 from workgauge.rehearse.result import Snapshot
 from workgauge.rehearse.scenario import OnGround, OnTrack
 from workgauge.rehearse.senses import Senses, senses
@@ -204,6 +205,17 @@ class Session:
         return Surroundings(
             *(self._scene, self.true_state[1], getattr(self.guard, "stop_distance_m", 0.0), self._now_ns),
             *(self.off_states, self._tracks.let_off),
+        )
+
+    def preview(self, jobs: Sequence[Job], *, pace: float = 1.0) -> Preview:
+        """Return what would become of jobs begun now, the undercarriage standing; nothing of the session changes."""
+        return preview(
+            *(self._config, self._scene, *self.true_state, jobs, self.moving.joints),
+            off_states=self.off_states,
+            let_off=self._tracks.let_off,
+            now_ns=self._now_ns,
+            pace=pace,
+            memory=self._memory,
         )
 
     @property
