@@ -22,6 +22,7 @@ class JobRun:
         begun_s, ended_s: since the run's start.
         max_error_m, rms_error_m, max_error_rad: of the tool from where it was to be by then; of a goal, at its end.
         held_s: how long limits held or bent it. against: the limits that did, the one that did longest first.
+        step: index of the drive's step it belongs to.
     """
 
     job: str
@@ -34,11 +35,13 @@ class JobRun:
     max_error_rad: float
     held_s: float
     against: tuple[str, ...]
+    step: int = 0
 
     def as_json(self) -> dict[str, Any]:
         """Return the documented object of the run command."""
         return {
             "job": self.job,
+            "step": self.step + 1,
             "state": self.state.value,
             "planned_s": None if math.isnan(self.planned_s) else round(self.planned_s, 3),
             "begun_s": round(self.begun_s, 3),
@@ -77,8 +80,13 @@ class AutoSeries:
 
     @property
     def completed(self) -> bool:
-        """Whether every job was done."""
-        return all(job.state is JobState.DONE for job in self.jobs)
+        """Whether every step's last job was done: one that was stuck, and then a way round it done, is."""
+        return all(job.state is JobState.DONE for job in self.last_of_steps)
+
+    @property
+    def last_of_steps(self) -> tuple[JobRun, ...]:
+        """Each step's last job."""
+        return tuple({job.step: job for job in self.jobs}.values())
 
     @property
     def planned_s(self) -> float:
@@ -107,9 +115,12 @@ class AutoRecorder:
 
     def __init__(self) -> None:
         self._rows: list[tuple[float, Floats, Job | None, JobFacts | None]] = []
+        self._steps: dict[str, int] = {}
 
-    def take(self, t_s: float, q: Floats, job: Job | None, facts: JobFacts | None) -> None:
-        """Take in one tick: time, true joints (n,) at its beginning, the job given and what the tick says of it."""
+    def take(self, t_s: float, q: Floats, job: Job | None, facts: JobFacts | None, step: int = 0) -> None:
+        """Take in one tick: time, true joints (n,) at its beginning, the job given, what became of it, the step."""
+        if facts is not None:
+            self._steps.setdefault(facts.job, step)
         self._rows.append((t_s, q, job if facts is not None else None, facts))
 
     def series(self, machine: MachineModel, T_site_machine: Floats, tick_s: float) -> AutoSeries | None:
@@ -161,6 +172,7 @@ class AutoRecorder:
             float(turns.max()),
             tick_s * sum(one.state is JobState.HELD for one in facts),
             tuple(sorted(set(against), key=lambda limit: (-against.count(limit), limit))),
+            self._steps[name],
         )
 
 

@@ -49,7 +49,7 @@ class Recorder:
         self, done: StepResult, q: Floats, T_site_machine: Floats, tool: Floats, step: int, job: Job | None = None
     ) -> None:
         """Take in one tick: true joints, machine pose and tool at its beginning, and the job it was given."""
-        self._auto.take(done.t_s, q, job, done.trace.job)
+        self._auto.take(done.t_s, q, job, done.trace.job, step)
         trace = done.trace
         scale = trace.scale if trace.desired.any() else 1.0  # nothing wanted, nothing held back
         sent = self._drive.velocity(trace.valves, q.tolist())

@@ -91,8 +91,8 @@ def automatic_words(result: RunResult, auto: AutoSeries) -> str:
 
 def _undone(result: RunResult, auto: AutoSeries) -> str:
     """Return which job came to its end undone, when, how far off and before what."""
-    number, job = next((k, job) for k, job in reversed(list(enumerate(auto.jobs))) if job.state is not JobState.DONE)
-    off_m = float(auto.error_m[np.flatnonzero(auto.which == number)[-1]])
+    job = [one for one in auto.last_of_steps if one.state is not JobState.DONE][-1]
+    off_m = float(auto.error_m[np.flatnonzero(auto.which == auto.jobs.index(job))[-1]])
     if job.state is not JobState.STUCK:
         return f"Not done: {job.job} ran out of time at {job.ended_s:.1f} s, {off_m:.2f} m off."
     said = [c for c in result.interventions if c.reason == ReasonCode.STUCK and job.begun_s <= c.until_s]
