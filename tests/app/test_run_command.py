@@ -6,12 +6,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 from workgauge.app.live import LiveView, bar, centred_bar
+from workgauge.machine.load import load_machine
 from workgauge.rehearse.run import Progress, open_session, run_session
 from workgauge.rehearse.scenario_file import load_scenario
+from workgauge.rehearse.shipped import shipped_path
 
 SHORT = """\
 title: Short
@@ -127,3 +130,37 @@ def test_the_live_view_draws_every_moment() -> None:
 def test_bars_keep_their_width(share: float) -> None:
     assert len(bar(share, 30)) == 30
     assert len(centred_bar(share, 30)) == 31
+
+
+AUTOMATIC = """\
+title: To a place by itself
+site: {shipped: double_track}
+machine: rre20
+rules: RULES
+start:
+  on_track: {alignment: Track 1, distance_m: 200.0}
+  posture_deg: {swing: -20, boom: 25, stick: -95, bucket: -20, tilt: 0, rotate: 0}
+joints: ideal
+sensors: perfect
+drive:
+  - {do: hold, for_s: 0.2}
+  - {do: go_to, by: loop, goal: {at_m: [GOAL]}, orientation: free, at_most_s: 4}
+"""
+
+
+def test_a_job_has_a_row_in_the_terminal_and_an_object_in_json(cli, write, tmp_path: Path) -> None:
+    machine = load_machine("rre20")
+    q = np.radians([-17, 27, -97, -20, 0, 0])
+    goal = ", ".join(f"{x:.4f}" for x in machine.tool_pose(machine.forward(q))[:3, 3])
+    rules = str(shipped_path("scenarios", "_ballast-removal-rules.yaml"))
+    scenario = write(AUTOMATIC.replace("GOAL", goal).replace("RULES", rules), "automatic.yaml")
+    folder = tmp_path / "report"
+    said = cli.workgauge("run", "--scenario", scenario, "--headless", "--report", folder)
+    assert said.code == 0, said.err
+    found = json.loads((folder / "run.json").read_text())["automatic"]
+    assert said.out.startswith("Done in")
+    row = next(line for line in said.out.splitlines() if line.startswith("goal"))
+    assert row.split()[:3] == ["goal", found["jobs"][0]["job"].split()[1], "done"]
+    assert found["completed"] and found["jobs"][0]["step"] == 2 and found["jobs"][0]["planned_s"] is None
+    assert found["jobs"][0]["max_error_m"] <= 0.02
+    assert "Automatic motion" in (folder / "report.html").read_text()
