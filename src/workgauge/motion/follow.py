@@ -8,7 +8,7 @@ import numpy as np
 from workgauge.machine.model import Kinematics, MachineModel
 from workgauge.motion.clik import ClikFacts, ClikGains, ClikMemory, clik_velocity, speed_share
 from workgauge.motion.job import Job, JobFacts, JobMemory, JobState
-from workgauge.motion.predict import InFlight, Lateness, lateness
+from workgauge.motion.predict import InFlight, Lateness, lateness, steadiest_1_s
 from workgauge.motion.slide import Slid, SlideSettings, Surround, slid
 from workgauge.motion.task import task_error
 from workgauge.motion.trajectory import Trajectory
@@ -30,7 +30,7 @@ class FollowSettings:
     """How closely jobs are followed.
 
     Attributes:
-        gain_1_s: how fast a joint is drawn back to its trajectory.
+        gain_1_s: how fast a joint is drawn back to its trajectory, and lateness made up for, no faster than it bears.
         ramp_s: from standing to the full pace of a trajectory, and back.
         stuck_s: a job that comes no nearer for so long is stuck. nearer: less than this is no nearer [m, rad, s].
         feed_forward: whether the trajectory's own speed is commanded, not only what corrects its error.
@@ -71,7 +71,8 @@ class Wish:
 
     Attributes:
         velocity: (n,). goal: (3,) where the tool wants to go from where it is, machine frame [m].
-        error_m, error_rad: see `JobFacts`. way_m, clock_s, rate: likewise. there: whether the job is done.
+        error_m, error_rad: see `JobFacts`. way_m, rate: likewise. clock_s, clocks: see `JobMemory`, of the next tick.
+        there: whether the job is done.
         to_go: a number that falls as long as the job gets on. group: see `JobMemory`.
         reasons: what hinders it by itself.
     """
@@ -85,6 +86,7 @@ class Wish:
     rate: float
     there: bool
     to_go: float
+    clocks: tuple[float, ...] = ()
     group: int = -1
     reasons: tuple[Reason, ...] = ()
 
@@ -113,16 +115,16 @@ def followed(
     late = lateness(machine, dt_s)
     if memory.job != job.id:
         memory = JobMemory(job=job.id, flight=memory.flight)
-    memory = replace(memory, flight=memory.flight.after(sent, late))
+    flight = memory.flight.after(sent, late)
     state = JobState(memory.state)
     if state in (JobState.DONE, JobState.STUCK):
-        return _stood(job, kin, machine, T_site_machine, memory)
+        return _stood(job, kin, machine, T_site_machine, replace(memory, flight=flight))
     if job.trajectory is not None:
-        wish = _along(job, job.trajectory, share, kin, machine, memory, settings, late, dt_s)
+        wish = _along(job, job.trajectory, share, kin, machine, memory, flight, settings, late, dt_s)
     else:
-        wish = _towards(job, share, kin, machine, T_site_machine, memory, settings, late, dt_s)
+        wish = _towards(job, share, kin, machine, T_site_machine, memory, flight, settings, late, dt_s)
     low, high = _box(machine, kin.q, wish.velocity)
-    bent = Slid(np.clip(wish.velocity, low, high), 1.0, -1, np.zeros(3))
+    bent = Slid(np.minimum(np.maximum(wish.velocity, low), high), 1.0, -1, np.zeros(3))
     if settings.bend:
         bent = slid(
             *(wish.velocity, machine.tool_jacobian(kin), low, high, surround, settings.slide),
@@ -143,21 +145,24 @@ def followed(
     moving = state in (JobState.MOVING, JobState.HELD)
     velocity = np.array(bent.velocity) if moving else np.zeros(machine.n)
     freeze(velocity)
-    after = replace(
-        memory,
+    after = JobMemory(
+        job=job.id,
         state=state.value,
         clock_s=wish.clock_s,
+        clocks=wish.clocks,
         rate=wish.rate,
         pushed=pushed,
+        flight=flight,
         around=tuple(bent.around.tolist()),
         least=wish.to_go if nearer else memory.least,
         idle_s=idle_s,
+        allowed=memory.allowed,
         group=wish.group,
     )
     against = surround.names[bent.against] if bent.against >= 0 else None
     duration_s = 0.0 if job.trajectory is None else job.trajectory.duration_s
     facts = JobFacts(
-        *(job.id, state, wish.clock_s, duration_s, wish.rate, wish.way_m, wish.error_m, wish.error_rad),
+        *(job.id, state, memory.clock_s, duration_s, wish.rate, wish.way_m, wish.error_m, wish.error_rad),
         *(bent.left, against),
     )
     return Followed(velocity, (*wish.reasons, *_said(job, facts, bent, surround)), after, facts)
@@ -165,7 +170,8 @@ def followed(
 
 def released(memory: JobMemory) -> JobMemory:
     """Return the memory of a job nobody asks for now; it goes on from where it is once somebody does."""
-    return replace(memory, rate=0.0, flight=InFlight(), idle_s=0.0, allowed=1.0)
+    clock_s = memory.clocks[-1] if memory.clocks else memory.clock_s  # where commands in flight take the joints
+    return replace(memory, clock_s=clock_s, clocks=(), rate=0.0, flight=InFlight(), idle_s=0.0, allowed=1.0)
 
 
 def _along(
@@ -175,39 +181,56 @@ def _along(
     kin: Kinematics,
     machine: MachineModel,
     memory: JobMemory,
+    flight: InFlight,
     settings: FollowSettings,
     late: Lateness,
     dt_s: float,
 ) -> Wish:
-    """Return the wish of a trajectory: its speed where a command of now begins to act, and its error there.
+    """Return the wish of a trajectory: its speed in the tick in which a command of now acts, and its error before it.
 
     Its time runs as planned while the tool is where it is to be, slower the farther it is off, and stands at
-    `lag_m`, or at `deviation_m` where limits pushed it off.
+    `lag_m`, or at `deviation_m` where limits pushed it off. It is decided as much ahead as commands are late.
     """
     q_now, _, way_m = trajectory.at(memory.clock_s)
     q_now = _turned(q_now, kin.q, machine)
     wanted, is_at = machine.tool_pose(machine.forward(q_now)), machine.tool_pose(kin)
     away = wanted[:3, 3] - is_at[:3, 3]
-    error_m, error_rad = float(np.linalg.norm(away)), _angle(is_at, wanted)
+    error_m, error_rad = math.hypot(*away.tolist()), _angle(is_at, wanted)
     most_m = job.deviation_m if memory.pushed else job.lag_m
     pace = share * min(max(2.0 - 2.0 * error_m / most_m, 0.0), 1.0)
     rate = min(pace, memory.rate + dt_s / settings.ramp_s)
-    clock_s = min(memory.clock_s + rate * dt_s, trajectory.duration_s)
-    q, speed = kin.q, np.zeros(machine.n)
-    dead, lag = (late.dead_s, late.lag_s) if settings.compensate else (np.zeros(machine.n), np.zeros(machine.n))
+    ticks = late.ticks.astype(np.int64) if settings.compensate else np.zeros(machine.n, dtype=np.int64)
+    clocks = _clocks(memory, int(ticks.max(initial=0)), rate * dt_s, trajectory.duration_s)
+    q, lag, gain = kin.q, np.zeros(machine.n), np.full(machine.n, settings.gain_1_s)
     if settings.compensate:
-        q, _ = memory.flight.ahead(kin.q, late)
-    reference = trajectory.many(clock_s + rate * dead)[0].diagonal()
+        q, lag, gain = flight.ahead(kin.q, late)[0], late.lag_s, np.minimum(gain, steadiest_1_s(machine, dt_s))
+    begin, end = clocks[ticks], clocks[ticks + 1]
+    rates = (end - begin) / dt_s
+    reference, slope = trajectory.each(begin, 0.5 * (begin + end) + rates * lag)
+    velocity = gain * (_turned(reference, q, machine) - q)
     if settings.feed_forward:
-        speed = rate * trajectory.many(clock_s + rate * (dead + lag))[1].diagonal()
-    velocity = speed + settings.gain_1_s * (_turned(reference, q, machine) - q)
-    over = clock_s >= trajectory.duration_s
-    there = over and error_m <= job.tolerance_m and error_rad <= job.tolerance_rad
-    to_go = trajectory.duration_s - clock_s + error_m + error_rad
+        velocity = velocity + rates * slope
+    there = memory.clock_s >= trajectory.duration_s and error_m <= job.tolerance_m and error_rad <= job.tolerance_rad
+    if there:
+        comes_to = machine.tool_pose(machine.forward(q))
+        off_m = math.hypot(*(wanted[:3, 3] - comes_to[:3, 3]).tolist())
+        there = off_m <= job.tolerance_m and _angle(comes_to, wanted) <= job.tolerance_rad
+    to_go = trajectory.duration_s - memory.clock_s + error_m + error_rad
     return Wish(
         *(_within(velocity, machine), away, error_m, error_rad, way_m if job.on_path else math.nan),
-        *(clock_s, rate, there, to_go),
+        *(float(clocks[1]), rate, there, to_go, tuple(clocks[2:].tolist())),
     )
+
+
+def _clocks(memory: JobMemory, ticks: int, step_s: float, duration_s: float) -> Floats:
+    """Return times (ticks + 2,) on a trajectory: now, at so many ticks to come, and one more, `step_s` after those.
+
+    What is decided now is what happens once the dead time is over; what lies before it has been commanded, and is not
+    taken back.
+    """
+    ahead = memory.clocks if len(memory.clocks) == ticks else (memory.clock_s,) * ticks
+    last = ahead[-1] if ahead else memory.clock_s
+    return np.array([memory.clock_s, *ahead, min(last + step_s, duration_s)])
 
 
 def _towards(
@@ -217,6 +240,7 @@ def _towards(
     machine: MachineModel,
     T_site_machine: Floats,
     memory: JobMemory,
+    flight: InFlight,
     settings: FollowSettings,
     late: Lateness,
     dt_s: float,
@@ -226,11 +250,14 @@ def _towards(
     assert goal is not None
     T_machine_goal = inverse(T_site_machine) @ goal.T_site_tool
     error_m, error_rad = _sizes(task_error(kin, machine, T_machine_goal, goal.orientation))
-    ahead = machine.forward(memory.flight.ahead(kin.q, late)[0]) if settings.compensate else kin
+    ahead = machine.forward(flight.ahead(kin.q, late)[0]) if settings.compensate else kin
     error = task_error(ahead, machine, T_machine_goal, goal.orientation)
     left_m, left_rad = _sizes(error)
     rate = min(share, memory.rate + dt_s / settings.ramp_s)
     gains = settings.clik
+    if settings.compensate:
+        most = float(steadiest_1_s(machine, dt_s).min())
+        gains = replace(gains, linear_1_s=min(gains.linear_1_s, most), angular_1_s=min(gains.angular_1_s, most))
     pace = min(
         1.0,
         rate * job.tool_speed_m_s / max(gains.linear_1_s * left_m, 1e-12),
@@ -244,7 +271,7 @@ def _towards(
         velocity,
         T_machine_goal[:3, 3] - machine.tool_pose(kin)[:3, 3],
         *(error_m, error_rad, math.nan, 0.0, rate),
-        there=error_m <= job.tolerance_m and error_rad <= job.tolerance_rad,
+        there=max(error_m, left_m) <= job.tolerance_m and max(error_rad, left_rad) <= job.tolerance_rad,
         to_go=error_m + error_rad,
         group=clik.group,
         reasons=_hindered(facts, machine),
@@ -295,14 +322,13 @@ def _sizes(error: Floats) -> tuple[float, float]:
 
 def _angle(T: Floats, S: Floats) -> float:
     """Return the angle between two frames (4, 4) [rad]."""
-    return float(np.linalg.norm(rotation_vector(T[:3, :3].T @ S[:3, :3])))
+    return math.hypot(*rotation_vector(T[:3, :3].T @ S[:3, :3]).tolist())
 
 
 def _turned(q: Floats, near: Floats, machine: MachineModel) -> Floats:
     """Return joint positions (n,) with endless joints in the turn nearest to another posture's."""
-    turns = np.where(machine.continuous, 2.0 * np.pi * np.round((near - q) / (2.0 * np.pi)), 0.0)
-    turned: Floats = q + turns
-    return turned
+    turns = np.rint((near - q) / (2.0 * np.pi)) * machine.continuous
+    return q + 2.0 * np.pi * turns if turns.any() else q
 
 
 def _within(velocity: Floats, machine: MachineModel) -> Floats:

@@ -83,7 +83,8 @@ class JobMemory:
 
     Attributes:
         job: its id, empty for none. state: see `JobState`.
-        clock_s: time on its trajectory [s]. rate: how fast that runs, 1 for as planned.
+        clock_s: time on its trajectory [s]. rate: how fast that runs, 1 for as planned, as far as commands go ahead.
+        clocks: times on its trajectory at the ticks to come, as the commands in flight have them [s].
         pushed: whether limits have pushed the tool off its trajectory.
         flight: commands on their way to the joints.
         around: direction (3) in which the tool goes round what blocks it, machine frame; zeros for none.
@@ -95,6 +96,7 @@ class JobMemory:
     job: str = ""
     state: str = JobState.NONE.value
     clock_s: float = 0.0
+    clocks: tuple[float, ...] = ()
     rate: float = 0.0
     pushed: bool = False
     flight: InFlight = field(default_factory=InFlight)
@@ -119,7 +121,8 @@ class JobMemory:
         """
         given = dict(plain)
         given["flight"] = InFlight(*(tuple(map(float, given["flight"][name])) for name in ("speeds", "commands")))
-        given["around"] = tuple(map(float, given["around"]))
+        for name in ("around", "clocks"):
+            given[name] = tuple(map(float, given[name]))
         given["least"] = math.inf if given["least"] is None else float(given["least"])
         return cls(**given)
 

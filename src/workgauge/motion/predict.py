@@ -8,7 +8,10 @@ import numpy as np
 
 from workgauge.machine.model import MachineModel
 from workgauge.machine.stopping import StoppingModel
-from workgauge.values.arrays import Floats, frozen
+from workgauge.values.arrays import Floats, Ints, frozen, frozen_ints
+
+#: Gain times the time that stays in the loop.
+STEADY = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,6 +25,7 @@ class Lateness:
         held: (n,) way a joint's present speed still makes until the dead time is over, per unit of speed [s].
         flying: (H, n) the same of each command in flight, the newest last, per unit of velocity [s].
         newest: (H, n) share of each of them in the speed at that time.
+        acting: (n,) which of the commands in flight and the newest, one after the other, a joint obeys now.
     """
 
     dead_s: Floats
@@ -31,6 +35,7 @@ class Lateness:
     held: Floats
     flying: Floats
     newest: Floats
+    acting: Ints
 
     @classmethod
     def of(cls, machine: MachineModel, dt_s: float) -> "Lateness":
@@ -49,7 +54,12 @@ class Lateness:
                 row = longest - count + i
                 flying[row, j] = dt_s * (1.0 - a ** (count - i))
                 newest[row, j] = (1.0 - a) * a ** (count - 1 - i)
-        return cls(*(frozen(one) for one in (dead, lag, ticks, keep, held, flying, newest)))
+        acting = frozen_ints((longest - ticks) * machine.n + np.arange(machine.n))
+        return cls(
+            *(frozen(dead), frozen(lag), frozen(ticks), frozen(keep)),
+            *(frozen(held), frozen(flying), frozen(newest)),
+            acting,
+        )
 
 
 @lru_cache(maxsize=16)
@@ -73,11 +83,11 @@ class InFlight:
     def after(self, sent: Floats, late: Lateness) -> "InFlight":
         """Return what is in flight one tick later, `sent` (n,) being the newest command [rad/s, m/s]."""
         n, longest = len(sent), len(late.flying)
-        speeds, commands = self.arrays(n, longest)
-        commands = np.concatenate([commands, sent[None]])
-        acting = commands[longest - late.ticks.astype(int), np.arange(n)]
-        speeds = late.keep * speeds + (1.0 - late.keep) * acting
-        return InFlight(tuple(speeds.tolist()), tuple(commands[1:].ravel().tolist()))
+        speeds, before = self.arrays(n, longest)
+        commands = np.concatenate([before.ravel(), sent])
+        acting = commands[late.acting]
+        speeds = acting + late.keep * (speeds - acting)
+        return InFlight(tuple(speeds.tolist()), tuple(commands[n:].tolist()))
 
     def ahead(self, q: Floats, late: Lateness) -> tuple[Floats, Floats]:
         """Return joint positions and speeds (n,) when a command of now begins to act, each at its own moment."""
@@ -90,6 +100,20 @@ class InFlight:
         speeds = np.array(self.speeds) if len(self.speeds) == n else np.zeros(n)
         commands = np.array(self.commands).reshape(-1, n) if len(self.commands) == longest * n else None
         return speeds, np.zeros((longest, n)) if commands is None else commands
+
+
+@lru_cache(maxsize=16)
+def steadiest_1_s(machine: MachineModel, dt_s: float) -> Floats:
+    """Return the highest gains (n,) [1/s] that late joints bear without swinging.
+
+    What dead time is known is made up for; what stays in the loop is the lag, how far the dead time may be from what
+    is assumed (the file's tolerance, and half of what its two directions differ by), and the tick. A gain times what
+    stays is to be 0.5 at most: a damping ratio of 0.7 with a lag, a phase margin of 61 degrees with dead time.
+    """
+    model = StoppingModel.of(machine)
+    unsure = (model.tolerance * model.dead_time_s).max(axis=0) + 0.5 * np.abs(np.diff(model.dead_time_s, axis=0)[0])
+    lag = ((1.0 + model.tolerance) * model.lag_s).max(axis=0)
+    return frozen(STEADY / (unsure + lag + dt_s))
 
 
 def settles_s(machine: MachineModel) -> float:
