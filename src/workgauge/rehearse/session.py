@@ -90,6 +90,7 @@ class Session:
             wrong with them.
         source: sends the bytes of receivers and sensors in their place (a log, a serial port).
         start_utc: UTC at the start of the simulated time.
+        follow: how automatic motion does its jobs; left out, as fits the joints.
 
     Raises:
         InputError: for anything handed in that cannot be used; `ScenarioError` if the machine would start inside a
@@ -115,6 +116,7 @@ class Session:
         faults: Sequence[FaultChoice] = (),
         source: Source | None = None,
         start_utc: datetime = START_UTC,
+        follow: FollowSettings | None = None,
     ) -> None:
         self.site = site if isinstance(site, SiteModel) else read_site(chosen_files(site), epsg=epsg)
         self.machine = machine if isinstance(machine, MachineModel) else load_machine(machine, attachment)
@@ -138,7 +140,7 @@ class Session:
         self._follower = TrackFollower(self.site, self.rules)
         self._tracks = self._true_tracks = self._standing_on(OnTracks(self.stand.own_track), T)
         self.start_utc = start_utc
-        self._configure(sensors, faults, source)
+        self._configure(sensors, faults, source, follow or FollowSettings(compensate=self.moving.late))
         q = self._start_posture(T) if posture is None else chosen_posture(self.machine, posture)
         self.truth = GeometricTruth(self.machine, self.limit_set.limits, TRUTH_RADIUS_M)
         self._refuse_inside(q, T)
@@ -155,7 +157,9 @@ class Session:
         if self._source is not None:
             self._source.advance(0, q, T)
 
-    def _configure(self, sensors: Sensors, faults: Sequence[FaultChoice], source: Source | None) -> None:
+    def _configure(
+        self, sensors: Sensors, faults: Sequence[FaultChoice], source: Source | None, follow: FollowSettings
+    ) -> None:
         """Set up the senses, the tick and what it remembers."""
         radius_m = max(TICK_RADIUS_M, search_radius_m(self.guard, self.limit_set.limits))
         self.machine_id = self.machine.name.encode()[:NAME_BYTES].decode(errors="ignore")
@@ -167,7 +171,7 @@ class Session:
             radius_m=radius_m,
             tool_sigma_m=0.0 if sensors == "perfect" and source is None else None,
             drive=self.moving.drive,
-            motion=MotionConfig(follow=FollowSettings(compensate=self.moving.late)),
+            motion=MotionConfig(follow=follow),
         )
         self._memory = first_memory(self._config)
         self._observers: list[Observer] = []
