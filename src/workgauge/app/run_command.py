@@ -1,8 +1,8 @@
 """`workgauge run`: a rehearsal on a simulated machine, watched or headless, with a report."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -15,6 +15,7 @@ from workgauge.app.check_file import refuse_unchecked
 from workgauge.app.gnss_run import OwnSite, gnss_run, refuse_place
 from workgauge.app.live import LiveView, plain_bar
 from workgauge.app.output import facts, input_errors_exit_2, print_json, stderr, stdout, table, warn
+from workgauge.app.preview_run import planned_meanwhile, previewed
 from workgauge.app.site_commands import Epsg, Json
 from workgauge.machine.load import load_machine
 from workgauge.rehearse.result import RunResult
@@ -94,6 +95,10 @@ def run_command(
     record: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Record every tick there; a new .mcap file.")
     ] = None,
+    preview: Annotated[
+        bool,
+        typer.Option("--preview", help="Run nothing; say what would become of the drive's automatic steps."),
+    ] = False,
     epsg: Epsg = None,
     as_json: Json = False,
 ) -> None:
@@ -103,6 +108,8 @@ def run_command(
     straight at it until it is stopped, and comes back. With --scenario, it does what the scenario says; the other
     options then replace what it says of them. With --gnss, it stands where receivers say instead of --at.
     """
+    if preview:
+        _refuse_beside_preview({"--report": report, "--record": record, "--gnss": gnss})
     choice = _Choice(site or (), machine, rules, scenario, guard, at, gnss or (), check, epsg, joints)
     with ExitStack() as stack:
         prepared = stack.enter_context(_prepared(choice))
@@ -111,12 +118,19 @@ def run_command(
         for state in off or ():
             session.check_state(state)
         switched = (*(StateChange(state=state, on=False) for state in off or ()), *prepared.states)
+        if preview:
+            session.off_states |= {change.state for change in switched if not change.on and change.at_s <= 0.0}
+            with prepared.placed():
+                previewed(session, prepared.steps, as_json)
+            return
+        stack.enter_context(prepared.placed())
+        plans = planned_meanwhile(session, prepared.steps)
         if record is not None:
             stack.enter_context(recorded(session, record, prepared.origin))
 
         def run(callback: Callable[[Progress], None] | None) -> RunResult:
             steps, words, said, travel = prepared.steps, prepared.words, prepared.facts, prepared.travel
-            return run_session(session, steps, *words, said, callback, travel=travel, states=switched)
+            return run_session(session, steps, *words, said, callback, travel=travel, states=switched, plans=plans)
 
         result = _watched(session, run, headless or as_json, speed)
         page = None if report is None else write_report(result, report)
@@ -163,6 +177,13 @@ class _Prepared:
     origin: Origin
     travel: Sequence[TravelStep] = ()
     states: Sequence[StateChange] = ()
+    placed: Callable[[], AbstractContextManager[None]] = nullcontext
+
+
+def _refuse_beside_preview(options: Mapping[str, object]) -> None:
+    for name, value in options.items():
+        if value:
+            raise typer.BadParameter(f"a preview runs nothing: not together with {name}", param_hint="--preview")
 
 
 @contextmanager
@@ -199,7 +220,9 @@ def _prepared(c: _Choice) -> Iterator[_Prepared]:
         words = scenario.title, scenario.description
         facts = {"scenario": loaded.file.stem}
         session = open_session(loaded)
-        yield _Prepared(session, scenario.drive, words, facts, origin, scenario.travel, scenario.states)
+        yield _Prepared(
+            session, scenario.drive, words, facts, origin, scenario.travel, scenario.states, loaded.placed
+        )
 
 
 def _at_a_place(c: _Choice, origin: Origin) -> _Prepared:

@@ -1,16 +1,20 @@
 """Steps of a drive that automatic motion does: a goal for the tool, or a path of it."""
 
+from itertools import pairwise
 from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field, model_validator
 
-from workgauge.rehearse.part import Deflection, Finite, NotNegative, Part, Positive
+from workgauge.rehearse.part import Deflection, NotNegative, Part, Positive
 from workgauge.values.tasks import Orientation
 
 Frame: TypeAlias = Literal["machine", "site"]
-Place: TypeAlias = tuple[Finite, Finite, Finite]
-Angles: TypeAlias = tuple[Finite, Finite, Finite]
-Speed: TypeAlias = Annotated[float, Field(gt=0, le=5)]
+Coordinate: TypeAlias = Annotated[float, Field(ge=-1e8, le=1e8, allow_inf_nan=False)]
+Angle: TypeAlias = Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False)]
+Place: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
+Angles: TypeAlias = tuple[Angle, Angle, Angle]
+Speed: TypeAlias = Annotated[float, Field(gt=0, le=5, allow_inf_nan=False)]
+TurnSpeed: TypeAlias = Annotated[float, Field(gt=0, le=360, allow_inf_nan=False)]
 
 
 class PathPoint(Part):
@@ -30,7 +34,7 @@ class _Automatic(Part):
         default=None, description="how much of it counts; left out, all the machine can hold, none without rpy_deg"
     )
     speed_m_s: Speed = Field(default=0.5, description="of the tool")
-    turn_deg_s: Annotated[float, Field(gt=0, le=360)] | None = Field(default=None, description="of the tool, at most")
+    turn_deg_s: TurnSpeed | None = Field(default=None, description="of the tool, at most")
     share: Deflection = Field(default=0.8, description="of joint speeds and pump flow that the plan may use")
     pace: Deflection = Field(default=1.0, description="how fast the operator lets it run, 1 as planned")
     tolerance_mm: Positive = 20.0
@@ -71,6 +75,9 @@ class FollowPath(_Automatic):
         given = [point.rpy_deg is not None for point in self.points]
         if any(given) and not all(given):
             raise ValueError("rpy_deg of every point, or of none")
+        for k, (one, other) in enumerate(pairwise(self.points), 1):
+            if one.at_m == other.at_m:
+                raise ValueError(f"point {k + 1} of the path is where point {k} is; a go_to turns on the spot")
         if self.repeat > 1 and self.points[0] != self.points[-1]:
             raise ValueError("a path that repeats must end where it begins")
         return self

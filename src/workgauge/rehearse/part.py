@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 Positive: TypeAlias = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative: TypeAlias = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
-Deflection: TypeAlias = Annotated[float, Field(gt=0, le=1)]
+Deflection: TypeAlias = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 LeverName: TypeAlias = Literal["left_x", "left_y", "right_x", "right_y", "left_roller", "right_roller"]
 LeverPosition: TypeAlias = Annotated[float, Field(ge=-1, le=1)]
 

@@ -85,6 +85,24 @@ class Preview:
         others = [(name, one) for name, one in self.least.items() if not name.startswith(_OWN)]
         return min(others, key=lambda one: one[1].clearance_m, default=None)
 
+    def then(self, other: "Preview") -> "Preview":
+        """Return this one and another that went on from where it ended, as one."""
+        end_s = float(self.t[-1])
+        least = dict(self.least)
+        for name, one in other.least.items():
+            if name not in least or one.clearance_m < least[name].clearance_m:
+                least[name] = one._replace(at_s=one.at_s + end_s)
+        return replace(
+            other,
+            duration_s=end_s + other.duration_s,
+            planned_s=self.planned_s + other.planned_s,
+            least=least,
+            against=tuple(dict.fromkeys((*self.against, *other.against))),
+            t=frozen(np.concatenate([self.t, end_s + other.t[1:]])),
+            q=frozen(np.concatenate([self.q, other.q[1:]])),
+            tool=frozen(np.concatenate([self.tool, other.tool[1:]])),
+        )
+
 
 def preview(
     config: TickConfig,

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -38,6 +39,9 @@ from workgauge.values.limits import Limit
 
 #: No drive lasts longer than this [s].
 LONGEST_S = 900.0
+
+#: What turns automatic steps into jobs, and what it has to say beforehand.
+Plans: TypeAlias = tuple[Automatic, tuple[str, ...]]
 
 #: Limits within this of the machine are kept for drawing [m].
 DRAW_WITHIN_M = 30.0
@@ -97,7 +101,7 @@ def open_session(
         InputError: if anything in it cannot be used.
     """
     scenario = loaded.scenario
-    try:
+    with loaded.placed():
         machine = machine or load_machine(loaded.machine, scenario.attachment)
         if loaded.posture is not None:
             _check_units(scenario.start, machine)
@@ -117,12 +121,6 @@ def open_session(
             faults=scenario.faults,
             start_utc=scenario.start_utc,
         )
-    except ScenarioError as error:
-        if error.file is not None:
-            raise
-        raise ScenarioError(
-            error.message, file=loaded.file, element=error.element, value=error.value, allowed=error.allowed
-        ) from error
 
 
 def _check_units(start: Start, machine: MachineModel) -> None:
@@ -141,21 +139,32 @@ def _check_units(start: Start, machine: MachineModel) -> None:
             )
 
 
+def planned_drive(session: Session, steps: Sequence[Step]) -> Plans:
+    """Plan the automatic steps of a drive before anything moves.
+
+    Raises:
+        ScenarioError: for the first step that cannot be done, with where and why.
+    """
+    automatic = Automatic(session.machine, session.frame, session.surroundings, session.limit_names)
+    return automatic, automatic.checked(steps, *session.true_state)
+
+
 def run_scenario(loaded: LoadedScenario, progress: Callable[[Progress], None] | None = None) -> RunResult:
     """Run a scenario to its end."""
     scenario = loaded.scenario
     session = open_session(loaded)
     facts = {"scenario": loaded.file.stem}
-    return run_session(
-        session,
-        scenario.drive,
-        scenario.title,
-        scenario.description,
-        facts,
-        progress,
-        travel=scenario.travel,
-        states=scenario.states,
-    )
+    with loaded.placed():
+        return run_session(
+            session,
+            scenario.drive,
+            scenario.title,
+            scenario.description,
+            facts,
+            progress,
+            travel=scenario.travel,
+            states=scenario.states,
+        )
 
 
 def run_session(
@@ -168,6 +177,7 @@ def run_session(
     *,
     travel: Sequence[TravelStep] = (),
     states: Sequence[StateChange] = (),
+    plans: Plans | None = None,
 ) -> RunResult:
     """Drive a session through the steps.
 
@@ -176,13 +186,13 @@ def run_session(
         title, description, facts: for the report.
         progress: called after every tick.
         travel: what the undercarriage does meanwhile. states: work states switched, and when.
+        plans: of the automatic steps, as `planned_drive` returns them; planned here if left out.
 
     Raises:
         ScenarioError: if a step is aimed at something that does not exist, a state is unknown, or the drive never
             ends.
     """
-    automatic = Automatic(session.machine, session.frame, session.surroundings, session.limit_names)
-    notes = automatic.checked(steps, *session.true_state)
+    automatic, notes = plans or planned_drive(session, steps)
     operator = Operator(steps, session.machine, _targets(session), automatic)
     along_m, facing = session.start_along_m or (None, 1.0)
     driver = Driver(travel, along_m, facing, session.brakes)

@@ -1,8 +1,10 @@
 """Reading scenario files: YAML with line numbers, checked, every path in it made absolute."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,6 +14,9 @@ from pydantic import ValidationError
 from workgauge.rehearse.scenario import GuardChoice, OnGround, OnTrack, Scenario
 from workgauge.rehearse.shipped import shipped_names, shipped_path, shipped_site_files
 from workgauge.values.errors import ScenarioError
+
+#: How complaints name a step of the drive, counted from 1.
+STEP = re.compile(r"drive, step (\d+)")
 
 #: A scenario is a page of text; anything larger is not one.
 MAX_BYTES = 1_000_000
@@ -25,6 +30,7 @@ class LoadedScenario:
         scenario: as written. file: where it stands.
         site_files, machine, rules, place, epsg: what it says, or what was chosen instead.
         posture: joint name to position [rad, m]; None for a posture found at the place.
+        lines: dotted name of every key and item (`drive.1.goal`) to its line.
     """
 
     scenario: Scenario
@@ -35,6 +41,26 @@ class LoadedScenario:
     place: OnTrack | OnGround
     epsg: int | None
     posture: Mapping[str, float] | None
+    lines: Mapping[str, int] = field(default_factory=dict)
+
+    @contextmanager
+    def placed(self) -> Iterator[None]:
+        """Let a complaint about the scenario that names no file name this one, and the line of the step it names."""
+        try:
+            yield
+        except ScenarioError as error:
+            if error.file is not None:
+                raise
+            step = STEP.match(error.element or "")
+            line = None if step is None else self.lines.get(f"drive.{int(step[1]) - 1}")
+            raise ScenarioError(
+                error.message,
+                file=self.file,
+                line=line,
+                element=error.element,
+                value=error.value,
+                allowed=error.allowed,
+            ) from error
 
     def choosing(
         self,
@@ -115,6 +141,7 @@ def load_scenario(name_or_path: str | Path) -> LoadedScenario:
         place=place,
         epsg=scenario.site.epsg,
         posture={name: math.radians(value) for name, value in start.posture_deg.items()} | start.posture_m,
+        lines=lines,
     )
 
 
@@ -162,8 +189,9 @@ def _lines(node: Any, at: tuple[str, ...], path: Path) -> Iterable[tuple[str, in
 
 
 def _translated(error: ValidationError, path: Path, lines: dict[str, int]) -> ScenarioError:
-    """Return the first of pydantic's complaints as one of ours."""
-    first = error.errors(include_url=False)[0]
+    """Return the first of pydantic's complaints as one of ours; a misspelt key before one that is missing."""
+    found = error.errors(include_url=False)
+    first = next((one for one in found if one["type"] == "extra_forbidden"), found[0])
     # What tells variants apart (`hold`, `tool_line`) stands in pydantic's place but not in the file.
     parts: list[str] = []
     for i, part in enumerate(str(step) for step in first["loc"]):

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -30,7 +30,7 @@ from workgauge.rehearse.hydraulic_choice import Joints
 from workgauge.rehearse.joints import moving
 from workgauge.rehearse.navigation import Known, Source, armed
 from workgauge.rehearse.posture import LetOff, start_posture
-from workgauge.rehearse.preview import Preview, preview
+from workgauge.rehearse.preview import LONGEST_S, After, Preview, preview
 from workgauge.rehearse.result import Snapshot
 from workgauge.rehearse.scenario import OnGround, OnTrack
 from workgauge.rehearse.senses import Senses, senses
@@ -211,15 +211,31 @@ class Session:
             *(self.off_states, self._tracks.let_off),
         )
 
-    def preview(self, jobs: Sequence[Job], *, pace: float = 1.0) -> Preview:
-        """Return what would become of jobs begun now, the undercarriage standing; nothing of the session changes."""
+    def preview(
+        self,
+        jobs: Sequence[Job],
+        *,
+        pace: float = 1.0,
+        at_most_s: float = LONGEST_S,
+        after: After | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> Preview:
+        """Return what would become of jobs begun now, the undercarriage standing; nothing of the session changes.
+
+        Args:
+            jobs, pace, at_most_s, progress: see `preview.preview`. after: begun where another preview ended, instead.
+        """
+        q, T = self.true_state
+        begin = after or After(q, self._memory, self.moving.joints, self._now_ns)
         return preview(
-            *(self._config, self._scene, *self.true_state, jobs, self.moving.joints),
+            *(self._config, self._scene, begin.q, T, jobs, begin.joints),
             off_states=self.off_states,
             let_off=self._tracks.let_off,
-            now_ns=self._now_ns,
+            now_ns=begin.now_ns,
             pace=pace,
-            memory=self._memory,
+            at_most_s=at_most_s,
+            memory=begin.memory,
+            progress=progress,
         )
 
     @property
