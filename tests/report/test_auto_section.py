@@ -210,6 +210,19 @@ def test_a_run_that_never_gave_way_is_drawn_whole(automatic: RunResult) -> None:
     ElementTree.fromstring(picture)
 
 
+def test_lagging_behind_is_not_called_giving_way(automatic: RunResult) -> None:
+    auto = automatic.automatic
+    assert auto is not None
+    t = automatic.series.t_s
+    late = np.where((t >= 6.0) & (t < 7.0), 0.9, auto.error_m)
+    picture = way_from_above(automatic, replace(auto, error_m=late))
+    assert "0.40 m off" in picture
+    alone = replace(automatic, interventions=())
+    assert " off</text>" not in way_from_above(alone, auto) + way_from_side(alone, auto)
+    assert "where it gave way; limits" in automatic_section(automatic)
+    assert "where it gave way; limits" not in automatic_section(alone)
+
+
 def test_the_same_angle_in_another_turn_is_drawn_on_the_designed_one(automatic: RunResult) -> None:
     yaw = tool_figures(automatic, automatic.automatic, ())[5]  # type: ignore[arg-type]
     rows = {}

@@ -88,6 +88,13 @@ def test_slowed_is_not_called_stopped(run: RunResult) -> None:
     assert headline(replace(run, interventions=()))[0].startswith("Nothing held")
 
 
+def test_what_is_said_of_the_approach_is_the_guards_own_rule(run: RunResult) -> None:
+    assert "slowed in proportion" in render(run)
+    assert "as late as still stops" in render(replace(run, slow_distance_m=None))
+    free = render(replace(run, slow_distance_m=None, stop_distance_m=None))
+    assert "knows no limits" in free and "never slowed" not in free
+
+
 def test_a_run_with_nothing_in_sight_still_makes_a_page(run: RunResult) -> None:
     nothing = np.full(len(run.series), np.nan)
     far = replace(

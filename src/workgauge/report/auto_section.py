@@ -14,7 +14,7 @@ from workgauge.report.auto_figures import (
     tool_figures,
     turning_figure,
 )
-from workgauge.report.auto_views import way_from_above, way_from_side
+from workgauge.report.auto_views import way_from_above, way_from_side, ways_apart
 from workgauge.report.giving_way import Held, held_by
 
 #: Heading of the table of jobs, and whether a column holds numbers.
@@ -23,10 +23,10 @@ JOB_COLUMNS = (
     ("state", False),
     ("planned [s]", True),
     ("driven [s]", True),
-    ("largest error [m]", True),
-    ("root mean square [m]", True),
-    ("turned by [°]", True),
-    ("held back [s]", True),
+    ("error up to [m]", True),
+    ("rms [m]", True),
+    ("turned by up to [°]", True),
+    ("held [s]", True),
     ("by", False),
 )
 
@@ -38,13 +38,7 @@ def automatic_section(result: RunResult) -> str:
         return ""
     held = held_by(result)
     legend = _legend(result, held)
-    views = ""
-    if result.travel is None:
-        views = (
-            f'<div class="two"><figure><figcaption>From above, grid north up</figcaption>'
-            f"{way_from_above(result, auto)}</figure><figure><figcaption>From the side where it gave way; limits are "
-            f"cut there</figcaption>{way_from_side(result, auto)}</figure></div>{WAYS}"
-        )
+    views = "" if result.travel is not None else _views(result, auto)
     return f"""<section>
 <h2>Automatic motion</h2>
 <p>The tool's way as designed, and as it was driven. Designed is where the plan had it by then; the plan's time runs
@@ -76,6 +70,19 @@ is where a limit held or bent the motion.</p>
 {legend}
 {_grid(joint_figures(result, auto, held))}
 </section>"""
+
+
+def _views(result: RunResult, auto: AutoSeries) -> str:
+    """Return the tool's way from above and from the side."""
+    side = way_from_side(result, auto)
+    if ways_apart(result, auto):
+        words = "From the side, where it gave way; limits are cut there"
+    else:
+        words = "From the side; limits are cut where the machine was nearest to one"
+    return (
+        f'<div class="two"><figure><figcaption>From above, grid north up</figcaption>{way_from_above(result, auto)}'
+        f"</figure><figure><figcaption>{words}</figcaption>{side}</figure></div>{WAYS}"
+    )
 
 
 #: What the lines of the drawings are.

@@ -119,8 +119,12 @@ def _legend(result: RunResult) -> str:
 def _rule(result: RunResult) -> str:
     """Return in words how the guard slows an approach."""
     if result.slow_distance_m is not None:
-        return "Between p_u and p_l an approach is slowed in proportion; at p_l it is refused."
-    return "An approach is slowed as late as still stops in time; at p_l it is refused."
+        how = "Between p_u and p_l an approach is slowed in proportion"
+    elif result.stop_distance_m is not None:
+        how = "An approach is slowed as late as still stops in time"
+    else:
+        return "The guard of this run knows no limits."
+    return f"{how}; at p_l it is refused. Moving away is never slowed."
 
 
 def _asking(result: RunResult) -> str:
@@ -157,8 +161,7 @@ def render(result: RunResult) -> str:
 {_tiles(result)}
 <section>
 <h2>Clearance</h2>
-<p>True distance between the machine and the limits that came nearest. {_rule(result)}
-Moving away is never slowed.</p>
+<p>True distance between the machine and the limits that came nearest. {_rule(result)}</p>
 {clearance_figure(result)}
 </section>
 {automatic_section(result)}
