@@ -2,7 +2,8 @@
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,6 +57,16 @@ class Planned:
     notes: tuple[str, ...] = ()
 
 
+@contextmanager
+def in_step(number: int) -> Iterator[None]:
+    """Let a complaint say which step of the drive, counted from 1, it is about."""
+    try:
+        yield
+    except ScenarioError as error:
+        where = f"drive, step {number}" + (f": {error.element}" if error.element else "")
+        raise ScenarioError(error.message, element=where, value=error.value, allowed=error.allowed) from error
+
+
 class Automatic:
     """Turns automatic steps into jobs.
 
@@ -85,13 +96,8 @@ class Automatic:
         notes: list[str] = []
         for number, step in enumerate(steps, 1):
             if isinstance(step, GoTo | FollowPath):
-                try:
+                with in_step(number):
                     planned = self.begun(step, q, T_site_machine)
-                except ScenarioError as error:
-                    where = f"drive, step {number}" + (f": {error.element}" if error.element else "")
-                    raise ScenarioError(
-                        error.message, element=where, value=error.value, allowed=error.allowed
-                    ) from error
                 q = planned.q_end
                 notes += [f"step {number}: {note}" for note in planned.notes]
         return tuple(notes)

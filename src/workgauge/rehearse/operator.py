@@ -10,7 +10,7 @@ import numpy as np
 from workgauge.machine.model import MachineModel
 from workgauge.motion.job import Job, JobFacts, JobState
 from workgauge.rehearse.auto_steps import FollowPath, GoTo
-from workgauge.rehearse.automatic import Automatic, AutoStep
+from workgauge.rehearse.automatic import Automatic, AutoStep, in_step
 from workgauge.rehearse.scenario import DriveBack, DriveLine, DriveOut, Hold, MoveLevers, Step, Swing, WaitForTravel
 from workgauge.rehearse.targets import Targets
 from workgauge.values.arrays import Floats, frozen
@@ -284,7 +284,8 @@ class Operator:
         if isinstance(step, WaitForTravel):
             return _Waiting(step, view)
         if isinstance(step, GoTo | FollowPath):
-            return _Automatic(step, view, self._automatic)
+            with in_step(self._next + 1):
+                return _Automatic(step, view, self._automatic)
         if isinstance(step, DriveBack):
             assert self._line is not None, "a scenario has no `back` without a line before it"
             return _Back(step, view, self._line)

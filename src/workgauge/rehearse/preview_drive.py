@@ -8,7 +8,7 @@ import numpy as np
 
 from workgauge.motion.job import Job, JobState
 from workgauge.rehearse.auto_steps import FollowPath, GoTo
-from workgauge.rehearse.automatic import Automatic, AutoStep
+from workgauge.rehearse.automatic import Automatic, AutoStep, in_step
 from workgauge.rehearse.preview import Nearest, Preview
 from workgauge.rehearse.scenario import Step
 from workgauge.rehearse.session import Session
@@ -150,7 +150,8 @@ def preview_drive(
     done: list[StepPreview] = []
     last: Preview | None = None
     for number, step in chosen:
-        last, notes = _previewed(session, automatic, step, last, progress)
+        with in_step(number):
+            last, notes = _previewed(session, automatic, step, last, progress)
         done.append(StepPreview(number, step.do, last, notes))
         if not last.completed:
             later = [str(k) for k, _ in chosen if k > number]
