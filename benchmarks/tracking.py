@@ -11,7 +11,7 @@ upright in front of it, at 0.3 m/s with the whole orientation kept; `brokk5` alo
   being made up for;
 - with joints drawn within the file's tolerance (`seed`), while automatic motion goes by the file.
 
-Without dead time being made up for, the gain is lowered so far that the loop bears all of it: 0.5 over dead time and
+Without dead time being made up for, the gain is lowered so far that the loop bears all of it: 0.75 over dead time and
 lag. Errors are those of the true tool from where it was to be by then, on the path alone, without the way to its
 beginning. `--machine`, `--joints` and `--seeds` choose less.
 """
