@@ -46,7 +46,7 @@ class Case:
     def floors(self) -> np.ndarray:
         return -np.maximum(self.around.room - HOW.keep_m, 0.0) / (HOW.ahead_s + LATE_S)
 
-    def slid(self, around: np.ndarray | None = None):  # noqa: ANN201
+    def slid(self, around: np.ndarray | None = None):
         return slid(
             *(self.wish, self.J, self.low, self.high, self.around, HOW), late_s=LATE_S, goal=self.goal, around=around
         )
