@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from workgauge.motion.job import Job, JobState
-from workgauge.motion.planning import Pace, plan_goal
+from workgauge.motion.planning import Pace, plan_goal, plan_joints
 from workgauge.rehearse.auto_steps import FollowPath, GoTo
+from workgauge.rehearse.automatic import Automatic, Planned
 from workgauge.rehearse.preview_drive import preview_drive
 from workgauge.rehearse.run import open_session, run_session
 from workgauge.rehearse.scenario import Hold, Step
@@ -130,6 +131,34 @@ def test_a_goal_inside_a_limit_is_told_as_stuck() -> None:
     assert not found.completed and found.state is JobState.STUCK
     assert "inside comes no nearer" in found.why and found.against
     assert found.nearest is not None and 0.19 < found.nearest[1].clearance_m < 0.3
+
+
+def test_a_goal_that_is_stuck_is_planned_round_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    session = open_session(drive(HOLD, BESIDE))
+    q, T = session.true_state
+    pose = np.array(T @ session.machine.tool_pose(session.machine.forward(q)))
+    pose[:3, 3] = (T @ [4.0, 3.6, 1.0, 1.0])[:3]
+    stuck = Job("inside", goal=ToolGoal(frozen(pose), Orientation.FREE), around=False)
+    asked: list[np.ndarray] = []
+
+    def around_it(automatic: Automatic, step: GoTo, here: np.ndarray, T_site_machine: np.ndarray) -> Planned:
+        asked.append(here)
+        (motion,) = plan_joints(session.machine, here, q, Pace())
+        return Planned((Job("back", trajectory=motion.trajectory),), q)
+
+    monkeypatch.setattr(Automatic, "begun", lambda *_: Planned((stuck,), q))
+    monkeypatch.setattr(Automatic, "around_it", around_it)
+    (told,) = preview_drive(session, (HOLD, BESIDE)).steps
+    seen = told.preview
+    assert seen.completed and seen.state is JobState.DONE and not seen.why and len(asked) == 1
+    assert any((row == asked[0]).all() for row in seen.q)
+    assert np.diff(seen.t) == pytest.approx(session.tick_s) and len(seen.t) == len(seen.q) == len(seen.tool)
+    assert seen.q[-1] == pytest.approx(q, abs=0.01)
+    assert seen.nearest is not None and 0.19 < seen.nearest[1].clearance_m < 0.3 and seen.against
+
+    monkeypatch.setattr(Automatic, "around_it", lambda *_: "nothing but walls")
+    (told,) = preview_drive(session, (HOLD, BESIDE)).steps
+    assert not told.preview.completed and told.preview.why.endswith("no way round: nothing but walls")
 
 
 def test_too_slow_or_shut_out_is_not_completed() -> None:

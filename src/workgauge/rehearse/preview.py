@@ -19,6 +19,7 @@ from workgauge.sim.joints import Joints
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.clearances import Clearances
 from workgauge.values.measurements import DriveMode, Intent, Levers, MachinePose, Posture, Stamp
+from workgauge.values.reasons import ReasonCode
 
 #: No preview lasts longer than this [s], simulated.
 LONGEST_S = 900.0
@@ -201,7 +202,7 @@ class _World:
             said = _said(self.ticked(Levers(), None, enable=tried > 0))
         self.begun_ns, self.swept = self.now_ns, [self.q]
         self.least.clear()
-        return "" if self.memory.gate.open else said or "the gate does not open"
+        return "" if self.memory.gate.open else said
 
     def ticked(self, levers: Levers, job: Job | None, *, enable: bool = True) -> Trace:
         """Let one tick pass, and the joints follow it."""
@@ -255,7 +256,7 @@ class _World:
         planned_s = sum(job.trajectory.duration_s for job in jobs if job.trajectory is not None)
         T = self.T_site_machine
         return Preview(
-            *(not why, state, why, duration_s, float(planned_s), dict(self.least)),
+            *(state is JobState.DONE and not why, state, why, duration_s, float(planned_s), dict(self.least)),
             tuple(sorted(self.held, key=lambda name: (-self.held[name], name))),
             frozen(np.arange(len(swept)) * self.config.dt_s),
             *(frozen(swept), frozen(tools @ T[:3, :3].T + T[:3, 3])),
@@ -264,7 +265,7 @@ class _World:
 
 
 def _said(trace: Trace) -> str:
-    """Return the gravest of what a tick says, in words."""
-    return (
-        min(trace.reasons, key=lambda one: math.inf if one.scale is None else one.scale).text if trace.reasons else ""
-    )
+    """Return what a tick says of a job that goes no further: that it is stuck, or the gravest of its reasons."""
+    stuck = [one for one in trace.reasons if one.code is ReasonCode.STUCK]
+    found = min(stuck or trace.reasons, key=lambda one: math.inf if one.scale is None else one.scale, default=None)
+    return "it goes no further" if found is None else found.text
