@@ -64,7 +64,7 @@ def test_a_run_comes_as_near_as_its_preview_said(joints: str, step: Step) -> Non
     limit, one = told.preview.nearest
     assert found.completed and run.automatic.completed
     assert limit == run.min_limit and one.link == run.min_link
-    assert one.clearance_m == pytest.approx(run.min_clearance_m, abs=0.02)
+    assert one.clearance_m == pytest.approx(run.min_clearance_m, abs=0.002)
     assert told.preview.duration_s == pytest.approx(run.automatic.driven_s, abs=0.1)
     assert told.preview.q[-1] == pytest.approx(session.true_state[0], abs=0.01)
 
