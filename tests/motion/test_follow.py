@@ -11,6 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from workgauge.guard.registry import guard_named
+from workgauge.loop.config import tick_config
+from workgauge.loop.memory import first_memory, restored
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
 from workgauge.machine.parts import Stopping
@@ -209,6 +212,14 @@ def test_the_same_again_through_json(make):
     assert len(one.rows) == len(two.rows)
     for a, b in zip(one.rows, two.rows, strict=True):
         assert np.array_equal(a.velocity, b.velocity) and a.memory == b.memory and a.facts.clock_s == b.facts.clock_s
+
+
+def test_it_survives_in_the_memory_of_the_loop():
+    machine = machine_named("rre20")
+    found = drive(machine, along("rre20"), machine.home, 1.0)
+    assert found.memory.clocks and any(found.memory.flight.commands)
+    kept = replace(first_memory(tick_config(machine, guard_named("none"), machine_id="one")), job=found.memory)
+    assert restored(json.loads(json.dumps(kept.plain(), allow_nan=False))).job == found.memory
 
 
 def test_a_new_id_begins_anew_and_a_released_job_goes_on():
