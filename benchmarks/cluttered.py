@@ -6,12 +6,17 @@
 Poles, a track envelope and a wagon, drawn at random round the machine (`workgauge.rehearse.cluttered`); from one
 clear posture to another. A plan keeps 0.05 m above every stop distance (0.2 m).
 
+Methods: `global plan`, the plan alone. `local`: closed-loop inverse kinematics to the goal's pose, bent before limits
+and round them, driven by the real tick with the barrier guard on simulated hydraulic joints (20 ms ticks).
+`local, then plan`: the same, and where it comes no nearer, a global plan from there, driven under the same guard.
+
 Prints `{"machine", "scenes", "methods": [{"method", "solved", "straight", "invalid", "unsolved", "seconds_median",
 "seconds_p90", "longer_median"}], "rows": […]}`. `straight`: solved
 because the straight joint line is free. `invalid`: a dense search of the way (a posture for every `--spacing-mm` any
 corner moves) found a clearance that is not kept. `seconds` are of the processor, over the scenes whose straight line
 is not free. `longer`: the duration over that of the straight joint line at full joint speeds. `unsolved`: seed and
-reason.
+reason. `entered`: scenes in which a driven machine was inside a limit or itself; of what is driven `invalid` counts
+clearances below their stop distances by more than 0.1 mm.
 """
 
 import argparse
@@ -25,14 +30,27 @@ from typing import Any
 
 import numpy as np
 
+from workgauge.guard.barrier import BarrierGuard
+from workgauge.loop.config import search_radius_m, tick_config
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
-from workgauge.motion.global_plan import GlobalPlan, plan_global
+from workgauge.motion.global_plan import GlobalPlan, NoPlan, plan_global
+from workgauge.motion.job import Job
+from workgauge.motion.looking_ahead import Surroundings
+from workgauge.motion.planning import Pace, plan_waypoints
 from workgauge.motion.shortening import duration_s
+from workgauge.motion.task import orientation_of
+from workgauge.motion.way_round import way_round
 from workgauge.rehearse.cluttered import Cluttered, cluttered
+from workgauge.rehearse.joints import moving
+from workgauge.rehearse.preview import Preview, preview
 from workgauge.values.arrays import Floats
+from workgauge.values.tasks import ToolGoal
 
 STOP_DISTANCE_M, CLEARANCE_M, SECONDS = 0.2, 0.05, 60.0
+TICK_S, TICK_RADIUS_M = 0.02, 7.0
+#: How near to its goal a driven tool has to come.
+THERE: dict[str, Any] = {"tolerance_m": 0.02, "tolerance_rad": math.radians(1.0)}
 SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 
@@ -43,7 +61,7 @@ class Outcome:
     Attributes:
         solved: whether the goal is reached. why: if not. seconds: of the processor. duration_s: of the motion.
         kept_m: least clearance above its stop distance on the way, of a way driven or planned, by a dense search.
-        straight: whether it is the straight joint line.
+        straight: whether it is the straight joint line. entered: whether a driven machine was inside anything.
     """
 
     solved: bool
@@ -52,6 +70,7 @@ class Outcome:
     duration_s: float | None = None
     kept_m: float | None = None
     straight: bool = False
+    entered: bool = False
 
 
 #: A method takes a scene and the spacing of the dense search [m].
@@ -120,7 +139,8 @@ def summary(name: str, tasks: Sequence[Cluttered], outcomes: Sequence[Outcome]) 
         "method": name,
         "solved": sum(outcome.solved for outcome in outcomes),
         "straight": sum(outcome.straight for outcome in outcomes),
-        "invalid": sum(outcome.kept_m is not None and outcome.kept_m < CLEARANCE_M for outcome in outcomes),
+        "invalid": sum(outcome.kept_m is not None and outcome.kept_m < KEPT_M[name] for outcome in outcomes),
+        "entered": sum(outcome.entered for outcome in outcomes),
         "unsolved": {task.seed: one.why for task, one in zip(tasks, outcomes, strict=True) if not one.solved},
         "seconds_median": float(np.median(hard)),
         "seconds_p90": float(np.percentile(hard, 90)),
@@ -144,7 +164,106 @@ def measure(
     return {"machine": machine.name, "scenes": len(tasks), "methods": summaries, "rows": rows}
 
 
-METHODS: dict[str, Method] = {"global plan": planned}
+class Driver:
+    """Drives jobs in a scene by the real tick."""
+
+    def __init__(self, task: Cluttered) -> None:
+        machine = task.scene.machine
+        guard = BarrierGuard(stop_distance_m=STOP_DISTANCE_M)
+        moves = moving("hydraulic", machine)
+        radius_m = search_radius_m(guard, task.scene.limits)
+        self._task, self._joints, self._q = task, moves.joints, task.q_start
+        self._config = tick_config(
+            *(machine, guard),
+            machine_id=machine.name,
+            dt_s=TICK_S,
+            radius_m=max(radius_m, TICK_RADIUS_M),
+            tool_sigma_m=0.0,
+            drive=moves.drive,
+        )
+        self.seen: Preview | None = None
+
+    @property
+    def came(self) -> Floats:
+        """The postures (k, n) it came by, five a second, the present one last."""
+        assert self.seen is not None
+        every: Floats = self.seen.q[::-10][::-1]
+        return every
+
+    def drive(self, jobs: Sequence[Job]) -> Preview:
+        """Drive jobs from where the machine is."""
+        task, before = self._task, self.seen
+        if before is None:
+            now = preview(self._config, task.scene, self._q, task.T_site_machine, jobs, self._joints)
+        else:
+            after = before.after
+            now = preview(
+                *(self._config, task.scene, after.q, task.T_site_machine, jobs, after.joints),
+                now_ns=after.now_ns,
+                memory=after.memory,
+            )
+        self.seen = now if before is None else before.then(now)
+        return now
+
+    def outcome(self, solved: bool, why: str, began: float) -> Outcome:
+        """Return what came of it."""
+        assert self.seen is not None
+        seconds = time.process_time() - began
+        least = least_at(self._task, self.seen.q)
+        entered = min((one.clearance_m for one in self.seen.least.values()), default=math.inf) < 0.0
+        return Outcome(solved, why, seconds, self.seen.duration_s, least, entered=entered)
+
+
+def local(task: Cluttered, _: float) -> Outcome:
+    """Return what going for the goal, round what blocks it, makes of a scene."""
+    began, driver = time.process_time(), Driver(task)
+    done = driver.drive([going(task)])
+    return driver.outcome(done.completed, done.why, began)
+
+
+def local_then_planned(task: Cluttered, _: float) -> Outcome:
+    """Return what going for the goal makes of a scene, and a global plan from where that comes no nearer."""
+    began, driver = time.process_time(), Driver(task)
+    done = driver.drive([going(task)])
+    if done.completed:
+        return driver.outcome(True, "", began)
+    machine = task.scene.machine
+    plan = way_round(
+        *(Surroundings(task.scene, task.T_site_machine, STOP_DISTANCE_M), machine, driver.came, task.q_goal[None]),
+        clearance_m=CLEARANCE_M,
+        seed=task.seed,
+        seconds=SECONDS,
+    )
+    if isinstance(plan, NoPlan):
+        return driver.outcome(False, plan.why, began)
+    motions = plan_waypoints(machine, plan, Pace(), words="way round")
+    jobs = [
+        Job(f"{motion.words} {i}", trajectory=motion.trajectory, on_path=False, **THERE)
+        for i, motion in enumerate(motions)
+    ]
+    done = driver.drive(jobs)
+    return driver.outcome(done.completed, done.why, began)
+
+
+def going(task: Cluttered) -> Job:
+    """Return the job of bringing the tool to a scene's goal."""
+    goal = ToolGoal(task.T_site_tool, orientation_of(task.scene.machine))
+    return Job("goal", goal=goal, **THERE)
+
+
+def least_at(task: Cluttered, postures: Floats) -> float:
+    """Return the least clearance above its stop distance at postures (k, n) [m]."""
+    machine, least = task.scene.machine, math.inf
+    for q in postures:
+        found = task.scene.query(machine.forward(q), task.T_site_machine, STOP_DISTANCE_M + 2.0 * CLEARANCE_M)
+        stops = np.where(np.isnan(found.stop_distances), STOP_DISTANCE_M, found.stop_distances)
+        least = min(least, float((found.distances - stops).min(initial=math.inf)))
+    return least
+
+
+METHODS: dict[str, Method] = {"global plan": planned, "local": local, "local, then plan": local_then_planned}
+#: What each method promises to keep above every stop distance [m].
+KEPT_M = {"global plan": CLEARANCE_M, "local": -1e-4, "local, then plan": -1e-4}
 
 
 def main() -> None:
@@ -153,18 +272,21 @@ def main() -> None:
     parser.add_argument("--machine", default="rre20")
     parser.add_argument("--scenes", type=int, default=20)
     parser.add_argument("--first", type=int, default=0, help="the first scene's seed")
+    parser.add_argument("--method", action="append", choices=list(METHODS), help="only this one; may be repeated")
     parser.add_argument("--spacing-mm", type=float, default=5.0, help="of the dense search")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     seeds = range(given.first, given.first + given.scenes)
-    found = measure(load_machine(given.machine), seeds, METHODS, given.spacing_mm / 1000.0)
+    methods = {name: METHODS[name] for name in given.method or METHODS}
+    found = measure(load_machine(given.machine), seeds, methods, given.spacing_mm / 1000.0)
     if given.json:
         print(json.dumps(found, indent=1))
         return
     for one in found["methods"]:
         print(
             f"{one['method']}: {one['solved']} of {found['scenes']} solved ({one['straight']} straight), "
-            f"{one['invalid']} invalid, {one['seconds_median']:.2f} s median, {one['seconds_p90']:.2f} s 90 %"
+            f"{one['invalid']} invalid, {one['entered']} entered, "
+            f"{one['seconds_median']:.2f} s median, {one['seconds_p90']:.2f} s 90 %"
         )
         for seed, why in one["unsolved"].items():
             print(f"  {seed}: {why}")

@@ -11,7 +11,7 @@ import numpy as np
 from workgauge.geodesy.frame import SiteFrame
 from workgauge.machine.model import MachineModel
 from workgauge.motion.closed_form import closed_form
-from workgauge.motion.global_plan import NoPlan, plan_global
+from workgauge.motion.global_plan import NoPlan
 from workgauge.motion.job import Job
 from workgauge.motion.looking_ahead import Ahead, Surroundings, looked_ahead
 from workgauge.motion.planning import (
@@ -26,6 +26,7 @@ from workgauge.motion.planning import (
 )
 from workgauge.motion.task import orientation_of
 from workgauge.motion.tool_path import ToolPath
+from workgauge.motion.way_round import way_round
 from workgauge.rehearse.auto_steps import FollowPath, GoTo, PathPoint
 from workgauge.rehearse.scenario import Step
 from workgauge.values.arrays import Floats, frozen
@@ -119,14 +120,18 @@ class Automatic:
                 error.message, element=error.element, value=error.value, allowed=error.allowed
             ) from error
 
-    def around_it(self, step: GoTo, q: Floats, T_site_machine: Floats) -> Planned | str:
-        """Return the jobs of a way through joint space to a goal, from where it is stuck, or why there is none."""
+    def around_it(self, step: GoTo, came: Floats, T_site_machine: Floats) -> Planned | str:
+        """Return the jobs of a way through joint space to a goal, from where it is stuck, or why there is none.
+
+        Args:
+            came: (m, n) postures it came by, the present one last.
+        """
         goal = self._pose(step.goal, step, T_site_machine)
         orientation = self._counts(step, step.goal.rpy_deg is not None)
-        near = reaching(self._machine, self._form, inverse(T_site_machine) @ goal, orientation, q)
+        near = reaching(self._machine, self._form, inverse(T_site_machine) @ goal, orientation, came[-1])
         if isinstance(near, str):
             return near
-        found = self._through(q, np.array(near), T_site_machine)
+        found = self._through(came, np.array(near))
         if isinstance(found, NoPlan):
             return found.why
         motions = plan_waypoints(self._machine, found, _pace(step), words="way round")
@@ -190,23 +195,15 @@ class Automatic:
             )
         if self._inside(start) or self._seen(approach).worst_m >= 0.0:
             return approach
-        found = self._through(q, start[None], T_site_machine)
+        found = self._through(q[None], start[None])
         if isinstance(found, NoPlan):
             raise ScenarioError("no way to the path's first point was found", element="points", value=found.why)
         return plan_waypoints(self._machine, found, _pace(step), words="to the path")
 
-    def _through(self, q: Floats, goals: Floats, T_site_machine: Floats) -> Floats | NoPlan:
-        around = self._around()
-        found = plan_global(
-            *(around.scene, self._machine, T_site_machine, q, goals),
-            clearance_m=PLAN_KEEPS_M,
-            stop_distance_m=around.stop_distance_m,
-            seconds=PLAN_SECONDS,
-            off_states=around.off_states,
-            let_off=around.let_off,
-            now_ns=around.now_ns,
+    def _through(self, came: Floats, goals: Floats) -> Floats | NoPlan:
+        return way_round(
+            *(self._around(), self._machine, came, goals), clearance_m=PLAN_KEEPS_M, seconds=PLAN_SECONDS
         )
-        return found if isinstance(found, NoPlan) else found.waypoints
 
     def _refused(self, seen: Ahead, deviation_m: float, words: str) -> list[str]:
         """Return what is said of a way into limits; refuse one that goes in farther than it may give way."""

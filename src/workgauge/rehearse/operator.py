@@ -29,6 +29,9 @@ STARTING_S = 0.4
 #: On the way back the lever is eased over the last of the line [m], down to the place itself [m].
 EASE_M, THERE_M = 0.10, 0.001
 
+#: The way an automatic step came is remembered so often [s], to go back on where it is stuck.
+CAME_EVERY_S = 0.2
+
 #: A swing is eased over this angle [rad] and ends within this one [rad].
 SWING_EASE, SWING_THERE = 0.30, math.radians(0.3)
 
@@ -205,9 +208,14 @@ class _Automatic:
         self._end_s = view.t_s + step.at_most_s
         self._levers = Levers(right_y=step.pace)
         self._planned = not (isinstance(step, GoTo) and step.plan)
+        self._came: list[Floats] = []
+        self._next_s = view.t_s
 
     def hands(self, view: View) -> Hands | None:
         facts = view.job
+        if view.t_s >= self._next_s:
+            self._came.append(view.q)
+            self._next_s += CAME_EVERY_S
         if self._jobs and facts is not None and facts.job == self._jobs[0].id:
             if facts.state is JobState.DONE:
                 self._jobs.pop(0)
@@ -222,7 +230,7 @@ class _Automatic:
         if self._planned or not isinstance(self._step, GoTo):
             return []
         self._planned = True
-        found = self._automatic.around_it(self._step, view.q, view.T_site_machine)
+        found = self._automatic.around_it(self._step, np.array([*self._came, view.q]), view.T_site_machine)
         return [] if isinstance(found, str) else list(found.jobs)
 
 

@@ -178,7 +178,7 @@ def _previewed(
     found = run(planned.jobs, before, step.at_most_s)
     if found.state is not JobState.STUCK or not isinstance(step, GoTo) or not step.plan:
         return found, planned.notes
-    around = automatic.around_it(step, found.after.q, T)
+    around = automatic.around_it(step, found.q[:: -max(round(CAME_EVERY_S / session.tick_s), 1)][::-1], T)
     if isinstance(around, str):
         return replace(found, why=f"{found.why}; no way round: {around}"), planned.notes
     again = run(around.jobs, found, max(step.at_most_s - found.duration_s, session.tick_s))
