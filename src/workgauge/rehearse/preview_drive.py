@@ -9,6 +9,7 @@ import numpy as np
 from workgauge.motion.job import Job, JobState
 from workgauge.rehearse.auto_steps import FollowPath, GoTo
 from workgauge.rehearse.automatic import Automatic, AutoStep, in_step
+from workgauge.rehearse.operator import CAME_EVERY_S
 from workgauge.rehearse.preview import Nearest, Preview
 from workgauge.rehearse.scenario import Step
 from workgauge.rehearse.session import Session
