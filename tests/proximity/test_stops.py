@@ -472,6 +472,8 @@ def test_another_way_falls_short_by_what_its_slack_says(make, seed, name):
         there, _, _ = case.look(other[p])
         before = by_pair(found, slack_of(found, stop, p))
         for pair, left in by_pair(there, room(there)).items():
+            if pair[1] == 2 and left < -STOP_M:  # out of a bent tube is farther than out of each of its cells
+                continue
             if np.isfinite(held.get(pair, np.inf)) and np.isfinite(before[pair]):
                 assert short >= min(before[pair], 0.0) - left - 1e-6
 
