@@ -220,9 +220,8 @@ def test_backing_away_from_everything_is_free(seed, name, dynamics):
             assert np.array_equal(result.allowed, wish) and result.reasons == ()
 
 
-@settings(max_examples=40, deadline=None)
-@given(seed=seeds, name=names, dynamics=st.sampled_from([(), (0.3, 0.2, 0.6)]))
-def test_inside_a_limit_what_makes_every_clearance_grow_is_free(seed, name, dynamics):
+def leading_out(seed, name, dynamics):
+    """Wishes that make every clearance grow inside limits: what each was, and what the guard says of it."""
     rng, guard = np.random.default_rng(seed), BarrierGuard()
     machine = replace(machine_of(name, *dynamics), self_pairs=(), exclusive_groups=())
     q = machine.sample_min + 0.5 * (machine.sample_max - machine.sample_min) + rng.normal(size=machine.n) * 0.1
@@ -234,28 +233,25 @@ def test_inside_a_limit_what_makes_every_clearance_grow_is_free(seed, name, dyna
         if wish.any() and grows(scene, q, wish, DT) and grows(scene, q, wish, 0.3 if dynamics else DT):
             result, _ = guard.allow(question(scene, q, wish), guard.start())
             if not any(reason.code is ReasonCode.JOINT_END for reason in result.reasons):
-                assert np.array_equal(result.allowed, wish) and result.reasons == ()
+                yield wish, result
 
 
-def test_inside_a_limit_nearly_all_that_makes_every_clearance_grow_is_free():
-    """But for one in fifty: where the direction apart turns within the stop, its proof is still too coarse."""
-    free = held = 0
+@settings(max_examples=40, deadline=None)
+@given(seed=seeds, name=names, dynamics=st.sampled_from([(), (0.3, 0.2, 0.6)]))
+def test_inside_a_limit_what_makes_every_clearance_grow_is_free(seed, name, dynamics):
+    for wish, result in leading_out(seed, name, dynamics):
+        assert np.array_equal(result.allowed, wish) and result.reasons == ()
+
+
+def test_inside_a_limit_what_makes_every_clearance_grow_is_free_for_many_fixed_ones():
+    """Enough of them that the law above is not about nothing."""
+    count = 0
     for seed in range(60):
-        rng, guard = np.random.default_rng(seed), BarrierGuard()
         name, dynamics = ("rre20", "brokk5")[seed % 2], ((), (0.3, 0.2, 0.6))[seed // 2 % 2]
-        machine = replace(machine_of(name, *dynamics), self_pairs=(), exclusive_groups=())
-        q = machine.sample_min + 0.5 * (machine.sample_max - machine.sample_min) + rng.normal(size=machine.n) * 0.1
-        scene = Scene(machine, random_limits(rng, machine, q, near=0.5, count=int(rng.integers(1, 3))))
-        for _ in range(6):
-            wish = full_lever(rng, machine)
-            if dynamics:
-                wish = np.where(np.arange(machine.n) == int(rng.integers(machine.n)), wish, 0.0)
-            if wish.any() and grows(scene, q, wish, DT) and grows(scene, q, wish, 0.3 if dynamics else DT):
-                result, _ = guard.allow(question(scene, q, wish), guard.start())
-                if not any(reason.code is ReasonCode.JOINT_END for reason in result.reasons):
-                    passed = np.array_equal(result.allowed, wish) and result.reasons == ()
-                    free, held = free + passed, held + (not passed)
-    assert free >= 50 and held <= 0.02 * (free + held), (free, held)
+        for wish, result in leading_out(seed, name, dynamics):
+            assert np.array_equal(result.allowed, wish) and result.reasons == (), seed
+            count += 1
+    assert count >= 50
 
 
 class Loop:

@@ -51,10 +51,10 @@ class BarrierGuard:
     bounds that hold for every joint within tolerance: that is the stop in hand. Along it, every clearance's slack is
     what is left above stop distance and protection level; see `proximity.sweep`. What the command of this one tick
     adds to the stop is linear to the millimetre: each joint gets the share of its wish, 0 to 1, nearest to 1 in the
-    sum of squares, such that no slack shrinks by more than the share `dt / ease_s` of itself, and none below zero
-    shrinks at all. Then the chosen command is rolled out in turn and every slack computed anew; if one falls short of
-    zero by more than a quarter of the margin (or of what it had, below that), half of the command is tried, then a
-    quarter, then the stop in hand.
+    sum of squares, such that no slack shrinks by more than the share `dt / ease_s` of itself, and one that is used up
+    by no more than `SHORT_M`, fading to nothing a quarter of the margin lower. Then the chosen command is rolled out
+    in turn and every slack computed anew; if one falls short of zero by more than a quarter of the margin (or of what
+    it had, below that), half of the command is tried, then a quarter, then the stop in hand.
 
     Inside a limit nothing may lead deeper, everything else stays enforced, and the guard seeks a way out: it says one
     when the wish is refused, drives it when asked to (`exit_share`), or names what pins the machine.
@@ -101,6 +101,11 @@ class BarrierGuard:
     def reach_m(self) -> float:
         """Clearances up to here must be known to it [m]; it looks farther by itself where a stop is longer."""
         return self.stop_distance_m
+
+    @property
+    def _floor_m(self) -> float:
+        """How much of the margin a verified stop may use up [m]."""
+        return 0.25 * self.margin_m
 
     def start(self) -> Memory:
         """Return the memory of a guard that has done nothing yet: a machine at rest, nothing in flight."""
@@ -170,7 +175,7 @@ class BarrierGuard:
 
         def solved(rows: Rows) -> Solved:
             return share(
-                *(plan.changes(rows)[WISH], _room(rows, alpha, 0.25 * self.margin_m), alpha),
+                *(plan.changes(rows)[WISH], _room(rows, alpha, self._floor_m), alpha),
                 keep_direction=given.keep_direction,
                 flow_rows=flow_rows,
                 flow_most=flow_most,
@@ -181,9 +186,7 @@ class BarrierGuard:
             first = solved(stop.rows)
             return Chosen(stop.rows, first, self._verified(plan, stop, None, first.s * wish, TRIALS))
         others = inside.outside(stop.rows)
-        if (
-            given.exit_share is not None
-        ):  # a way out that was sought and verified: but for the pump and the joints' ends
+        if given.exit_share is not None:  # sought and verified already: but for the pump and the joints' ends
             none = picked(others, np.zeros(len(others.slack), np.bool_))
             first = solved(none)
             return Chosen(none, first, self._verified(plan, stop, inside, first.s * wish, EXIT_TRIALS))
@@ -218,7 +221,7 @@ class BarrierGuard:
         def ranges(rows: Rows) -> LeverRanges:
             changes = plan.changes(rows)
             return lever_ranges(
-                *(changes[PLUS], changes[MINUS], _room(rows, alpha, 0.25 * self.margin_m), alpha),
+                *(changes[PLUS], changes[MINUS], _room(rows, alpha, self._floor_m), alpha),
                 *(given.speed_positive, given.speed_negative, np.asarray(given.tool_rates)),
                 ends_positive=plan.ends[PLUS],
                 ends_negative=plan.ends[MINUS],
@@ -245,7 +248,7 @@ class BarrierGuard:
             *(around, given.q, plan, stop),
             stop_distance_m=self.stop_distance_m,
             margin_m=self.margin_m,
-            floor_m=0.25 * self.margin_m,
+            floor_m=self._floor_m,
         )
 
     def _seeker(self, given: GuardInput, plan: Plan, stop: Stop, inside: Inside) -> Seeker:
@@ -310,7 +313,7 @@ class BarrierGuard:
     def _stands(self, plan: Plan, stop: Stop, inside: Inside | None, command: Floats) -> bool:
         """Return whether a command is verified: still stops in time, and nothing that is violated gets worse."""
         way, judged = plan.way_after(command), None if inside is None else inside.judged
-        if stop.shortfall(way, 0.25 * self.margin_m, judged) > SHORT_M:
+        if stop.shortfall(way, self._floor_m, judged) > SHORT_M:
             return False
         return inside is None or not inside.worsens(way)
 
