@@ -34,12 +34,12 @@ from workgauge.guard.barrier import BarrierGuard
 from workgauge.loop.config import search_radius_m, tick_config
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
-from workgauge.motion.global_plan import GlobalPlan, NoPlan, plan_global
+from workgauge.motion.ik.task import orientation_of
 from workgauge.motion.job import Job
 from workgauge.motion.looking_ahead import Surroundings
+from workgauge.motion.plan.global_plan import GlobalPlan, NoPlan, plan_global
+from workgauge.motion.plan.shortening import duration_s
 from workgauge.motion.planning import Pace, plan_waypoints
-from workgauge.motion.shortening import duration_s
-from workgauge.motion.task import orientation_of
 from workgauge.motion.way_round import way_round
 from workgauge.rehearse.cluttered import Cluttered, cluttered
 from workgauge.rehearse.joints import moving

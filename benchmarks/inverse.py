@@ -29,8 +29,8 @@ import numpy as np
 
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
-from workgauge.motion.closed_form import closed_form
-from workgauge.motion.task import task_error
+from workgauge.motion.ik.closed_form import closed_form
+from workgauge.motion.ik.task import task_error
 from workgauge.values.arrays import Floats
 from workgauge.values.tasks import Orientation
 
@@ -81,9 +81,9 @@ def closed_finder(machine: MachineModel) -> Finder:
 
 def iterative_finder(machine: MachineModel) -> Finder | None:
     """The closed loop's step, repeated."""
-    if importlib.util.find_spec("workgauge.motion.solve") is None:
+    if importlib.util.find_spec("workgauge.motion.ik.solve") is None:
         return None
-    from workgauge.motion.solve import SolveSettings, solve
+    from workgauge.motion.ik.solve import SolveSettings, solve
 
     settings = SolveSettings(iterations=ITERATIONS, tolerance_m=TOLERANCE_M, tolerance_rad=TOLERANCE)
     return lambda start, goal: solve(machine, start, goal, Orientation.FULL, settings).q

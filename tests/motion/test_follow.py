@@ -19,10 +19,10 @@ from workgauge.machine.model import MachineModel
 from workgauge.machine.parts import Stopping
 from workgauge.motion.follow import Followed, FollowSettings, followed, released
 from workgauge.motion.job import Job, JobMemory, JobState
+from workgauge.motion.paths.trajectory import Trajectory
 from workgauge.motion.planning import Pace, plan_joints
 from workgauge.motion.predict import InFlight, lateness, steadiest_1_s
 from workgauge.motion.slide import Surround
-from workgauge.motion.trajectory import Trajectory
 from workgauge.values.reasons import ReasonCode
 from workgauge.values.tasks import Orientation, ToolGoal
 

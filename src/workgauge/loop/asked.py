@@ -8,9 +8,9 @@ from workgauge.loop.config import TickConfig
 from workgauge.machine.model import Kinematics
 from workgauge.motion.desired import MotionMemory, desired, pace
 from workgauge.motion.follow import followed, released
+from workgauge.motion.ik.task import orientation_of, task_jacobian
 from workgauge.motion.job import Job, JobFacts, JobMemory
 from workgauge.motion.slide import Surround
-from workgauge.motion.task import orientation_of, task_jacobian
 from workgauge.values.arrays import Floats
 from workgauge.values.clearances import Clearances
 from workgauge.values.measurements import DriveMode, Intent

@@ -1,1 +1,1 @@
-"""What is wanted: the operator's levers to desired joint velocity."""
+"""What is wanted: levers, goals and paths to desired joint velocity, tick by tick."""

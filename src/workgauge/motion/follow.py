@@ -6,12 +6,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from workgauge.machine.model import Kinematics, MachineModel
-from workgauge.motion.clik import ClikFacts, ClikGains, ClikMemory, clik_velocity, speed_share
+from workgauge.motion.ik.clik import ClikFacts, ClikGains, ClikMemory, clik_velocity, speed_share
+from workgauge.motion.ik.task import task_error
 from workgauge.motion.job import Job, JobFacts, JobMemory, JobState
+from workgauge.motion.paths.trajectory import Trajectory
 from workgauge.motion.predict import InFlight, Lateness, lateness, steadiest_1_s
 from workgauge.motion.slide import Slid, SlideSettings, Surround, slid
-from workgauge.motion.task import task_error
-from workgauge.motion.trajectory import Trajectory
 from workgauge.values.arrays import Floats, freeze
 from workgauge.values.reasons import Reason, ReasonCode
 from workgauge.values.tasks import Orientation

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from workgauge.motion.paths.trajectory import Trajectory
 from workgauge.motion.predict import InFlight
-from workgauge.motion.trajectory import Trajectory
 from workgauge.values.errors import InputError
 from workgauge.values.tasks import ToolGoal
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workgauge.motion.trajectory import Trajectory
+from workgauge.motion.paths.trajectory import Trajectory
 from workgauge.proximity.scene import Scene
 from workgauge.values.arrays import Floats
 

@@ -6,13 +6,13 @@ from itertools import pairwise
 import numpy as np
 
 from workgauge.machine.model import MachineModel
-from workgauge.motion.closed_form import ClosedForm, closed_form
-from workgauge.motion.joint_path import Inverse, JointPath, Unreachable, joint_path
-from workgauge.motion.solve import SolveSettings, solve
-from workgauge.motion.task import orientation_of
-from workgauge.motion.timing import timed, timed_joints
-from workgauge.motion.tool_path import ToolPath
-from workgauge.motion.trajectory import Trajectory
+from workgauge.motion.ik.closed_form import ClosedForm, closed_form
+from workgauge.motion.ik.solve import SolveSettings, solve
+from workgauge.motion.ik.task import orientation_of
+from workgauge.motion.paths.joint_path import Inverse, JointPath, Unreachable, joint_path
+from workgauge.motion.paths.timing import timed, timed_joints
+from workgauge.motion.paths.tool_path import ToolPath
+from workgauge.motion.paths.trajectory import Trajectory
 from workgauge.values.arrays import Floats
 from workgauge.values.errors import InputError
 from workgauge.values.tasks import Orientation, ToolGoal

@@ -6,7 +6,7 @@ from enum import StrEnum
 import numpy as np
 
 from workgauge.machine.model import MachineModel
-from workgauge.motion.task import task_error, task_jacobian
+from workgauge.motion.ik.task import task_error, task_jacobian
 from workgauge.values.arrays import Floats
 from workgauge.values.tasks import Orientation
 

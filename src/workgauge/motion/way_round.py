@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 
 from workgauge.machine.model import MachineModel
-from workgauge.motion.global_plan import GlobalPlan, NoPlan, NoPlanReason, plan_global
 from workgauge.motion.looking_ahead import Surroundings
-from workgauge.motion.validity import Need, Validity
+from workgauge.motion.plan.global_plan import GlobalPlan, NoPlan, NoPlanReason, plan_global
+from workgauge.motion.plan.validity import Need, Validity
 from workgauge.values.arrays import Floats
 
 #: Of the way it came, postures that differ by less than this in every joint are one [rad, m].

@@ -10,10 +10,12 @@ import numpy as np
 
 from workgauge.geodesy.frame import SiteFrame
 from workgauge.machine.model import MachineModel
-from workgauge.motion.closed_form import closed_form
-from workgauge.motion.global_plan import NoPlan
+from workgauge.motion.ik.closed_form import closed_form
+from workgauge.motion.ik.task import orientation_of
 from workgauge.motion.job import Job
 from workgauge.motion.looking_ahead import Ahead, Surroundings, looked_ahead
+from workgauge.motion.paths.tool_path import ToolPath
+from workgauge.motion.plan.global_plan import NoPlan
 from workgauge.motion.planning import (
     Motion,
     Pace,
@@ -24,8 +26,6 @@ from workgauge.motion.planning import (
     plan_waypoints,
     reaching,
 )
-from workgauge.motion.task import orientation_of
-from workgauge.motion.tool_path import ToolPath
 from workgauge.motion.way_round import way_round
 from workgauge.rehearse.auto_steps import FollowPath, GoTo, PathPoint
 from workgauge.rehearse.scenario import Step

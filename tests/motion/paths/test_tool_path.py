@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from workgauge.motion.orientations import angles
-from workgauge.motion.tool_path import ToolPath
+from workgauge.motion.paths.orientations import angles
+from workgauge.motion.paths.tool_path import ToolPath
 from workgauge.values.errors import InputError
 from workgauge.values.tasks import Orientation
 from workgauge.values.transforms import rotation_vector

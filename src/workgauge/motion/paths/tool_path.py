@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from workgauge.motion.arc_length import PiecewiseCurve, elevated
-from workgauge.motion.orientations import (
+from workgauge.motion.paths.arc_length import PiecewiseCurve, elevated
+from workgauge.motion.paths.orientations import (
     DEGREE,
     BlendedTurning,
     SplineTurning,

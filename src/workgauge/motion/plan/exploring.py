@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from workgauge.machine.model import MachineModel
-from workgauge.motion.validity import Validity
+from workgauge.motion.plan.validity import Validity
 from workgauge.values.arrays import Floats
 from workgauge.values.errors import InputError
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from workgauge.machine import pairs
 from workgauge.machine.load import load_machine, machine_from
 from workgauge.machine.model import MachineModel
-from workgauge.motion.validity import PROOF_M, Need, Validity
+from workgauge.motion.plan.validity import PROOF_M, Need, Validity
 from workgauge.proximity.scene import Scene
 from workgauge.rehearse.cluttered import cluttered
 from workgauge.values.arrays import Floats, frozen

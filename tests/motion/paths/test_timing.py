@@ -13,10 +13,10 @@ from scipy.optimize import linprog
 
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
-from workgauge.motion.joint_path import JointPath, joint_path
-from workgauge.motion.task import orientation_of, task_error
-from workgauge.motion.timing import Trajectory, default_acceleration, timed, timed_joints
-from workgauge.motion.tool_path import ToolPath
+from workgauge.motion.ik.task import orientation_of, task_error
+from workgauge.motion.paths.joint_path import JointPath, joint_path
+from workgauge.motion.paths.timing import Trajectory, default_acceleration, timed, timed_joints
+from workgauge.motion.paths.tool_path import ToolPath
 from workgauge.values.errors import InputError
 from workgauge.values.tasks import Orientation
 

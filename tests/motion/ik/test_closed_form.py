@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
-from workgauge.motion.circles import crossings
-from workgauge.motion.closed_form import ClosedForm, closed_form
-from workgauge.motion.task import task_error, task_jacobian
+from workgauge.motion.ik.circles import crossings
+from workgauge.motion.ik.closed_form import ClosedForm, closed_form
+from workgauge.motion.ik.task import task_error, task_jacobian
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.errors import InputError
 from workgauge.values.tasks import Orientation

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from workgauge.machine.load import description_path, machine_from
 from workgauge.machine.model import MachineModel
-from workgauge.motion.task import ROWS, ArmPlane, arm_plane, elevation, orientation_of, task_error, task_jacobian
+from workgauge.motion.ik.task import ROWS, ArmPlane, arm_plane, elevation, orientation_of, task_error, task_jacobian
 from workgauge.values.tasks import Orientation
 from workgauge.values.transforms import rotation, rotation_z
 

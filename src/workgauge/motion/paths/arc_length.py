@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workgauge.motion.orientations import DEGREE, bernstein
+from workgauge.motion.paths.orientations import DEGREE, bernstein
 from workgauge.values.arrays import Floats, Ints, frozen
 
 _PARTS = 16

@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from workgauge.machine.model import MachineModel
-from workgauge.motion.joint_curve import JointCurve
-from workgauge.motion.joint_path import JointPath
-from workgauge.motion.path_limits import PathLimits
-from workgauge.motion.trajectory import Trajectory
+from workgauge.motion.paths.joint_curve import JointCurve
+from workgauge.motion.paths.joint_path import JointPath
+from workgauge.motion.paths.path_limits import PathLimits
+from workgauge.motion.paths.trajectory import Trajectory
 from workgauge.values.arrays import Floats
 from workgauge.values.errors import InputError
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from workgauge.machine.model import MachineModel
-from workgauge.motion.validity import Validity
+from workgauge.motion.plan.validity import Validity
 from workgauge.values.arrays import Floats
 
 #: Shortcuts tried, and in a row without any gain.

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from workgauge.machine.model import MachineModel
-from workgauge.motion.exploring import explore, ompl_modules
-from workgauge.motion.leaving import leave
-from workgauge.motion.shortening import duration_s, joined, proven, shorten, smooth, widen
-from workgauge.motion.validity import Need, Validity
+from workgauge.motion.plan.exploring import explore, ompl_modules
+from workgauge.motion.plan.leaving import leave
+from workgauge.motion.plan.shortening import duration_s, joined, proven, shorten, smooth, widen
+from workgauge.motion.plan.validity import Need, Validity
 from workgauge.proximity.scene import Scene
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.errors import InputError

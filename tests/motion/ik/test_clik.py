@@ -13,9 +13,9 @@ from scipy.optimize import brentq, lsq_linear
 
 from workgauge.machine.load import description_path, machine_from
 from workgauge.machine.model import MachineModel
-from workgauge.motion.clik import ClikGains, ClikMemory, clik_velocity, movable_groups
-from workgauge.motion.task import ROWS, orientation_of, task_error, task_jacobian
-from workgauge.motion.weighted import joint_weights, least_velocity, limit_gradient, manipulability
+from workgauge.motion.ik.clik import ClikGains, ClikMemory, clik_velocity, movable_groups
+from workgauge.motion.ik.task import ROWS, orientation_of, task_error, task_jacobian
+from workgauge.motion.ik.weighted import joint_weights, least_velocity, limit_gradient, manipulability
 from workgauge.values.errors import InputError
 from workgauge.values.tasks import Orientation
 

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from workgauge.machine.model import Kinematics, MachineModel
-from workgauge.motion.clik import ClikGains, ClikMemory, clik_velocity, movable_groups, speed_share
+from workgauge.motion.ik.clik import ClikGains, ClikMemory, clik_velocity, movable_groups, speed_share
+from workgauge.motion.ik.task import ROWS, task_error, task_jacobian
+from workgauge.motion.ik.weighted import least_velocity
 from workgauge.motion.stuck import Cause, pushed_limits, stands_below, why_stuck
-from workgauge.motion.task import ROWS, task_error, task_jacobian
-from workgauge.motion.weighted import least_velocity
 from workgauge.values.arrays import Floats, freeze, frozen
 from workgauge.values.errors import InputError
 from workgauge.values.tasks import Orientation

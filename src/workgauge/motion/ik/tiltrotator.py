@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workgauge.motion.branches import Candidates
-from workgauge.motion.circles import crossings
-from workgauge.motion.planar import LOOSE, NOTHING, Plane, beyond_ring, kept, two_links
-from workgauge.motion.screws import Line, common_normal
+from workgauge.motion.ik.branches import Candidates
+from workgauge.motion.ik.circles import crossings
+from workgauge.motion.ik.planar import LOOSE, NOTHING, Plane, beyond_ring, kept, two_links
+from workgauge.motion.ik.screws import Line, common_normal
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.transforms import inverse
 

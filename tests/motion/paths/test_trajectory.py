@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from workgauge.machine.load import load_machine
-from workgauge.motion.timing import timed_joints
-from workgauge.motion.trajectory import Trajectory
+from workgauge.motion.paths.timing import timed_joints
+from workgauge.motion.paths.trajectory import Trajectory
 from workgauge.values.errors import InputError
 
 

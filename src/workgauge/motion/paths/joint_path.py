@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from workgauge.machine.model import MachineModel
-from workgauge.motion.following import Follower, LostWay, PathCause, says
-from workgauge.motion.joint_curve import JointCurve
-from workgauge.motion.tool_path import ToolPath
+from workgauge.motion.paths.following import Follower, LostWay, PathCause, says
+from workgauge.motion.paths.joint_curve import JointCurve
+from workgauge.motion.paths.tool_path import ToolPath
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.errors import InputError
 from workgauge.values.tasks import Orientation

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from workgauge.machine.model import Kinematics, MachineModel
+from workgauge.motion.ik.task import ROWS, sample_postures, task_jacobian
+from workgauge.motion.ik.weighted import least_velocity, limit_gradient, manipulability
 from workgauge.motion.inverse import HYSTERESIS
-from workgauge.motion.task import ROWS, sample_postures, task_jacobian
-from workgauge.motion.weighted import least_velocity, limit_gradient, manipulability
 from workgauge.values.arrays import Floats, freeze
 from workgauge.values.errors import InputError
 from workgauge.values.tasks import Orientation

@@ -11,9 +11,9 @@ from typing import Self
 
 import numpy as np
 
-from workgauge.motion.branches import Candidates
-from workgauge.motion.planar import NOTHING, Plane, beyond_ring, two_links
-from workgauge.motion.screws import Line
+from workgauge.motion.ik.branches import Candidates
+from workgauge.motion.ik.planar import NOTHING, Plane, beyond_ring, two_links
+from workgauge.motion.ik.screws import Line
 from workgauge.values.arrays import Floats, frozen
 
 SWING, BOOM = 0, 1

@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from workgauge.motion.screws import Line
+from workgauge.motion.ik.screws import Line
 from workgauge.values.arrays import Floats, frozen
 
 #: Joints as far from parallel, or lengths as short, as this are taken to be parallel or nothing [rad, m].

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from workgauge.machine.model import MachineModel
-from workgauge.motion.task import ROWS, arm_plane, elevation, task_error, task_jacobian
-from workgauge.motion.tool_path import ToolPath
+from workgauge.motion.ik.task import ROWS, arm_plane, elevation, task_error, task_jacobian
+from workgauge.motion.paths.tool_path import ToolPath
 from workgauge.values.arrays import Floats
 from workgauge.values.tasks import Orientation
 

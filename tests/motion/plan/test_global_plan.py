@@ -12,9 +12,9 @@ import pytest
 
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
-from workgauge.motion import global_plan
-from workgauge.motion.global_plan import GlobalPlan, NoPlan, NoPlanReason, plan_global
-from workgauge.motion.shortening import duration_s
+from workgauge.motion.plan import global_plan
+from workgauge.motion.plan.global_plan import GlobalPlan, NoPlan, NoPlanReason, plan_global
+from workgauge.motion.plan.shortening import duration_s
 from workgauge.proximity.scene import Scene
 from workgauge.rehearse.cluttered import Cluttered, cluttered
 from workgauge.values.arrays import Floats, frozen

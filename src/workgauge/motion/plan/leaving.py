@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import linprog
 
-from workgauge.motion.validity import Validity
+from workgauge.motion.plan.validity import Validity
 from workgauge.values.arrays import Floats
 
 #: No point of the machine moves farther than this in one step [m].

@@ -12,12 +12,12 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import workgauge.motion.solve as solver
+import workgauge.motion.ik.solve as solver
 from workgauge.machine.load import description_path, machine_from
 from workgauge.machine.model import MachineModel
-from workgauge.motion.solve import Solved, SolveSettings, solve, turns
+from workgauge.motion.ik.solve import Solved, SolveSettings, solve, turns
+from workgauge.motion.ik.task import orientation_of, task_error
 from workgauge.motion.stuck import Cause, beyond_reach
-from workgauge.motion.task import orientation_of, task_error
 from workgauge.values.errors import InputError
 from workgauge.values.tasks import Orientation
 

@@ -11,10 +11,10 @@ from scipy.optimize import least_squares
 
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
-from workgauge.motion.following import MARGIN_RAD, PathCause
-from workgauge.motion.joint_path import JointPath, Unreachable, joint_path
-from workgauge.motion.task import orientation_of, task_error, task_jacobian
-from workgauge.motion.tool_path import ToolPath
+from workgauge.motion.ik.task import orientation_of, task_error, task_jacobian
+from workgauge.motion.paths.following import MARGIN_RAD, PathCause
+from workgauge.motion.paths.joint_path import JointPath, Unreachable, joint_path
+from workgauge.motion.paths.tool_path import ToolPath
 from workgauge.values.errors import InputError
 from workgauge.values.tasks import Orientation
 from workgauge.values.transforms import rotation_z, rpy, translation

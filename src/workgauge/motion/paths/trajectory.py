@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from workgauge.motion.joint_curve import JointCurve
+from workgauge.motion.paths.joint_curve import JointCurve
 from workgauge.values.arrays import Floats, Ints, frozen
 from workgauge.values.errors import InputError
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from workgauge.machine.model import MachineModel
-from workgauge.motion.branches import Branches, OutOfReach, arranged, seconds_between, turned_within
-from workgauge.motion.planar_arm import PlanarArm, planar_arm
-from workgauge.motion.screws import joint_lines
-from workgauge.motion.tiltrotator import ROTATE, SWING, Tiltrotator, tiltrotator
+from workgauge.motion.ik.branches import Branches, OutOfReach, arranged, seconds_between, turned_within
+from workgauge.motion.ik.planar_arm import PlanarArm, planar_arm
+from workgauge.motion.ik.screws import joint_lines
+from workgauge.motion.ik.tiltrotator import ROTATE, SWING, Tiltrotator, tiltrotator
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.errors import InputError
 from workgauge.values.tasks import Orientation

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from workgauge.machine.model import MachineModel
-from workgauge.motion.joint_curve import JointCurve
-from workgauge.motion.tool_path import ToolPath
+from workgauge.motion.paths.joint_curve import JointCurve
+from workgauge.motion.paths.tool_path import ToolPath
 from workgauge.values.arrays import Floats
 
 #: Where each interval of the grid is looked at for its highest rate.
