@@ -90,12 +90,17 @@ def drive_at_anything(steps: Sequence[Step]) -> tuple[Step, ...]:
 
 
 def open_session(
-    loaded: LoadedScenario, *, guard: Guard | None = None, machine: MachineModel | None = None
+    loaded: LoadedScenario,
+    *,
+    guard: Guard | None = None,
+    machine: MachineModel | None = None,
+    intent_age_s: float = 0.2,
 ) -> Session:
     """Return the session a scenario describes.
 
     Args:
         loaded: the scenario. guard, machine: ready-made, in place of the scenario's own.
+        intent_age_s: oldest intent to move on [s].
 
     Raises:
         InputError: if anything in it cannot be used.
@@ -120,6 +125,7 @@ def open_session(
             sensors=scenario.sensors,
             faults=scenario.faults,
             start_utc=scenario.start_utc,
+            intent_age_s=intent_age_s,
         )
 
 

@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from workgauge.gauge.build import LimitSet, build_limits
 from workgauge.gauge.following import OnTracks, TrackFollower
 from workgauge.gauge.rulebook import load_rule_book
 from workgauge.gauge.rules import RuleBook
+from workgauge.gauge.suspending import suspendable
 from workgauge.guard.api import Guard
 from workgauge.guard.travel import Brakes
 from workgauge.loop.config import TickConfig, search_radius_m, tick_config
@@ -91,6 +93,7 @@ class Session:
         source: sends the bytes of receivers and sensors in their place (a log, a serial port).
         start_utc: UTC at the start of the simulated time.
         follow: how automatic motion does its jobs; left out, as fits the joints.
+        intent_age_s: oldest intent to move on [s].
 
     Raises:
         InputError: for anything handed in that cannot be used; `ScenarioError` if the machine would start inside a
@@ -117,6 +120,7 @@ class Session:
         source: Source | None = None,
         start_utc: datetime = START_UTC,
         follow: FollowSettings | None = None,
+        intent_age_s: float = 0.2,
     ) -> None:
         self.site = site if isinstance(site, SiteModel) else read_site(chosen_files(site), epsg=epsg)
         self.machine = machine if isinstance(machine, MachineModel) else load_machine(machine, attachment)
@@ -131,15 +135,17 @@ class Session:
         self.stand = stand(self.site, self.rules, self.machine, asked)
         position = self.stand.T_absolute_machine[:3, 3]
         self.frame = self.site.frame((float(position[0]), float(position[1]), float(position[2])))
-        self.limit_set: LimitSet = build_limits(self.site, self.rules, self.frame, start_utc)
+        built = build_limits(self.site, self.rules, self.frame, start_utc)
         self.off_states: frozenset[str] = frozenset()
-        self.states = frozenset(one.activity.state for one in self.limit_set.limits if one.activity.state is not None)
+        self.states = frozenset(one.activity.state for one in built.limits if one.activity.state is not None)
+        self.limit_set: LimitSet = replace(built, limits=suspendable(built.limits, self.rules))
         self._scene = Scene(self.machine, self.limit_set.limits)
         self._place = way_from(self.site, self.rules, self.machine, self.frame, asked, self.stand)
         T = self._place.T_site_machine
         self._follower = TrackFollower(self.site, self.rules)
         self._tracks = self._true_tracks = self._standing_on(OnTracks(self.stand.own_track), T)
         self.start_utc = start_utc
+        self._intent_age_s = intent_age_s
         self._configure(sensors, faults, source, follow or FollowSettings(compensate=self.moving.late))
         q = self._start_posture(T) if posture is None else chosen_posture(self.machine, posture)
         self.truth = GeometricTruth(self.machine, self.limit_set.limits, TRUTH_RADIUS_M)
@@ -161,19 +167,10 @@ class Session:
         self, sensors: Sensors, faults: Sequence[FaultChoice], source: Source | None, follow: FollowSettings
     ) -> None:
         """Set up the senses, the tick and what it remembers."""
-        radius_m = max(TICK_RADIUS_M, search_radius_m(self.guard, self.limit_set.limits))
         self.machine_id = self.machine.name.encode()[:NAME_BYTES].decode(errors="ignore")
-        self._config = tick_config(
-            self.machine,
-            self.guard,
-            machine_id=self.machine_id,
-            dt_s=self.tick_s,
-            radius_m=radius_m,
-            tool_sigma_m=0.0 if sensors == "perfect" and source is None else None,
-            drive=self.moving.drive,
-            motion=MotionConfig(follow=follow),
-        )
-        self._memory = first_memory(self._config)
+        self._follow = follow
+        self._tool_sigma_m = 0.0 if sensors == "perfect" and source is None else None
+        self._guarded_by(self.guard)
         self._observers: list[Observer] = []
         self._now_ns = 0
         self._tick_ns = round(self.tick_s * 1e9)
@@ -183,9 +180,35 @@ class Session:
         self.checked = False  # whether a valid start-of-shift check was seen, see `navigation.armed`
         self._readings: list[Reading] = []
         self._wanted_travel = 0.0, 0.0
-        self._travel_ground = TravelGround(
-            self.machine, self.limit_set.limits, self._follower.tracks, self.brakes, self.guard
+
+    def _guarded_by(self, guard: Guard) -> None:
+        """Set up the tick for a guard, nothing remembered: its gate is closed."""
+        self.guard = guard
+        self._config = tick_config(
+            self.machine,
+            guard,
+            machine_id=self.machine_id,
+            dt_s=self.tick_s,
+            radius_m=max(TICK_RADIUS_M, search_radius_m(guard, self.limit_set.limits)),
+            intent_age_s=self._intent_age_s,
+            tool_sigma_m=self._tool_sigma_m,
+            drive=self.moving.drive,
+            motion=MotionConfig(follow=self._follow),
         )
+        self._memory = first_memory(self._config)
+        self._travel_ground = TravelGround(
+            self.machine, self.limit_set.limits, self._follower.tracks, self.brakes, guard
+        )
+
+    def choose_guard(self, guard: Guard) -> None:
+        """Let another guard work from the next step on; the enable switch must be let go and pressed again.
+
+        Raises:
+            ScenarioError: if a valve is open or the undercarriage moves.
+        """
+        if any(self._memory.valves) or self.true_travel[0]:
+            raise ScenarioError("the guard is chosen while the machine stands still", element="guard")
+        self._guarded_by(guard)
 
     def _start_posture(self, T_site_machine: Floats) -> Floats:
         """Return home, or a posture clear of the nearest pole that the machine could be driven at."""
@@ -237,6 +260,16 @@ class Session:
             memory=begin.memory,
             progress=progress,
         )
+
+    @property
+    def gate_open(self) -> bool:
+        """Whether the gate let the last command pass."""
+        return self._memory.gate.open
+
+    @property
+    def let_off(self) -> frozenset[str]:
+        """Tracks whose envelopes are no limit for the machine now."""
+        return self._tracks.let_off
 
     @property
     def scene(self) -> Scene:

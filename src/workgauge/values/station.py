@@ -229,7 +229,6 @@ class Setup:
         guards: to choose from. scenario: whether there is one to play.
         may_suspend: (id, name, minutes at most) of limits a supervisor may suspend.
         intent_age_ms, round_trip_ms: limits beyond which the machine stops. period_ms: of the tick.
-        stop_m, slow_m: distances of the guard for display, None if it has none.
     """
 
     stamp: Stamp
@@ -255,7 +254,6 @@ class PreviewTask:
         id: of the request. goal: (12) upper rows of the tool's pose in the site.
         full: whether its orientation counts.
         q: (n). pose: (12) of the machine. off_states, let_off: see `TickInputs`. guard, settings: to be used.
-        suspended: ids of limits that do not count.
     """
 
     stamp: Stamp
@@ -268,7 +266,6 @@ class PreviewTask:
     let_off: tuple[str, ...]
     guard: str
     settings: tuple[tuple[str, float], ...]
-    suspended: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)

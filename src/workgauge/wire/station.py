@@ -1,8 +1,8 @@
 """Messages between a running machine and those who watch and drive it: snapshots, requests, previews.
 
 They stand in the same frames as all others (`wire.messages`), as kinds of their own, version 1. The payload is JSON
-in UTF-8: an object with the fields of the dataclass of `values.station` except its stamp, in their order, numbers never
-NaN or infinite. There is one way to write a value and `decode_station` accepts no other.
+in UTF-8: an object with the fields of the dataclass of `values.station` except its stamp, in their order, numbers
+never NaN or infinite. There is one way to write a value and `decode_station` accepts no other.
 
 | kind | message | topic | sent by |
 |---|---|---|---|

@@ -1,0 +1,74 @@
+"""The loops of the machine's process and of the preview's: mail in, a step, mail out."""
+
+import gc
+from collections.abc import Callable
+from typing import Protocol
+
+from workgauge.rehearse.station.previewing import Previewer
+from workgauge.rehearse.station.station import Station
+from workgauge.values.errors import WireError
+from workgauge.values.mail import Mail
+from workgauge.values.station import PreviewTask
+from workgauge.wire.station import decode_station, encode_station, topic
+
+#: Letters taken in per tick: what comes faster waits, and in the end is dropped.
+INTENTS, REQUESTS, PREVIEWS = 64, 16, 4
+#: The setup is told so often [ticks], for whoever comes later.
+SETUP_EVERY_S = 1.0
+
+
+class Pacing(Protocol):
+    """A fixed period."""
+
+    late: int
+
+    def wait(self) -> int:
+        """Wait until the next period begins; return when it does [ns]."""
+        ...
+
+
+def run_station(station: Station, mail: Mail, pace: Pacing, going: Callable[[], bool]) -> None:
+    """Step a machine until told to stop. Garbage is collected between ticks only, the old generation never."""
+    name = station.session.machine_id
+    intents = mail.inbox(topic(name, "intent"), INTENTS)
+    requests = mail.inbox(topic(name, "request"), 2 * REQUESTS)
+    previews = mail.inbox(topic(name, "preview-result"), PREVIEWS)
+    told_ns: int | None = None
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        while going():
+            now_ns = pace.wait()
+            station.desk.lost(intents.lost + requests.lost)
+            snapshot = station.step(
+                *(now_ns, intents.read(INTENTS), requests.read(REQUESTS), previews.read(PREVIEWS)), late=pace.late
+            )
+            for task in station.tasks():
+                mail.publish(topic(name, "preview-task"), encode_station(task))
+            if snapshot is not None:
+                mail.publish(topic(name, "snapshot"), encode_station(snapshot, snapshot.number))
+            if told_ns is None or now_ns - told_ns >= SETUP_EVERY_S * 1e9:
+                mail.publish(topic(name, "setup"), encode_station(station.setup(now_ns)))
+                told_ns = now_ns
+                gc.collect(0)
+    finally:
+        gc.enable()
+        gc.unfreeze()
+
+
+def run_previews(previewer: Previewer, mail: Mail, wait: Callable[[], object], going: Callable[[], bool]) -> None:
+    """Look at one goal after the other until told to stop; of several waiting, only the newest."""
+    name = previewer.machine_id
+    tasks = mail.inbox(topic(name, "preview-task"), 1)
+    while going():
+        letters = tasks.read()
+        if not letters:
+            wait()
+            continue
+        try:
+            task = decode_station(letters[-1].data, letters[-1].received_ns).value
+        except WireError:
+            continue
+        if isinstance(task, PreviewTask):
+            mail.publish(topic(name, "preview-result"), encode_station(previewer.look(task)))
