@@ -1,0 +1,309 @@
+"""The scene: machine, limits, clearances, ghosts, tracks; one class per thing that moves."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from workgauge.cockpit import colours
+from workgauge.gauge.meshes import mesh_parts
+from workgauge.machine.model import MachineModel
+from workgauge.rehearse.session import Session
+from workgauge.values.arrays import Floats
+from workgauge.values.limits import Limit
+from workgauge.values.station import Foreseen, Near, Snapshot, Suspended
+
+#: Parts of limits farther from the machine are not drawn [m].
+DRAWN_M = 150.0
+#: Clearance lines with metres, and how long one may be [m].
+LINES, LONGEST_LINE_M = 4, 8.0
+#: Chainages are written this far apart [m], within this of the machine [m].
+CHAINAGE_M, CHAINAGE_WITHIN_M = 20.0, 100.0
+#: Halos smaller than this are not seen [m].
+SMALLEST_HALO_M = 0.005
+
+
+def quaternion(R: Floats) -> tuple[float, float, float, float]:
+    """Return the unit quaternion (w, x, y, z) of a rotation (3, 3)."""
+    trace = float(np.trace(R))
+    candidates = np.array([trace, R[0, 0], R[1, 1], R[2, 2]])
+    k = int(np.argmax(candidates))
+    if k == 0:
+        q = np.array([1.0 + trace, R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    else:
+        i = k - 1
+        j, m = (i + 1) % 3, (i + 2) % 3
+        q = np.zeros(4)
+        q[0] = R[m, j] - R[j, m]
+        q[1 + i] = 1.0 + R[i, i] - R[j, j] - R[m, m]
+        q[1 + j] = R[j, i] + R[i, j]
+        q[1 + m] = R[m, i] + R[i, m]
+    w, x, y, z = (q / np.linalg.norm(q)).tolist()
+    return w, x, y, z
+
+
+class Boxes:
+    """A machine's link solids as boxes, placed by a posture.
+
+    Args:
+        scene: viser's. machine: whose. name: of the node. opacity: None for a solid machine, else a ghost.
+    """
+
+    def __init__(
+        self, scene: Any, machine: MachineModel, name: str, rgb: colours.Rgb, opacity: float | None = None
+    ) -> None:
+        self._machine = machine
+        poses, halves = machine.solid_poses(machine.forward(machine.home))
+        self._root = scene.add_frame(name, show_axes=False, visible=opacity is None)
+        self._boxes = []
+        for i, (T, half) in enumerate(zip(poses, halves, strict=True)):
+            still = machine.solids[i].link == 0 and opacity is None
+            box = scene.add_box(
+                f"{name}/{i}",
+                color=colours.UNDERCARRIAGE if still else rgb,
+                dimensions=tuple(2.0 * half),
+                opacity=opacity,
+                position=tuple(T[:3, 3]),
+                wxyz=quaternion(T[:3, :3]),
+            )
+            self._boxes.append(box)
+
+    def place(self, q: ArrayLike, T_site_machine: Floats) -> None:
+        """Move it to a posture (n,) at a pose (4, 4)."""
+        poses, halves = self._machine.solid_poses(self._machine.forward(q))
+        self._root.position, self._root.wxyz = tuple(T_site_machine[:3, 3]), quaternion(T_site_machine[:3, :3])
+        for box, T, half in zip(self._boxes, poses, halves, strict=True):
+            box.position, box.wxyz = tuple(T[:3, 3]), quaternion(T[:3, :3])
+            if self._machine.stretches.size:
+                box.dimensions = tuple(2.0 * half)
+
+    def show(self, visible: bool) -> None:
+        """Show or hide it."""
+        if self._root.visible != visible:
+            self._root.visible = visible
+
+
+class Limits:
+    """The limits near the machine; those that are off are faint, suspended ones red wire."""
+
+    def __init__(self, scene: Any, limits: Sequence[Limit], around: Floats) -> None:
+        self._limits = {limit.id: limit for limit in limits}
+        self._nodes: dict[str, list[Any]] = {}
+        self._shown: dict[str, str] = {}
+        for limit in limits:
+            nodes = []
+            for i, part in enumerate(mesh_parts(limit.solid)):
+                faces = _near_faces(part.vertices, part.faces, around)
+                if not len(faces):
+                    continue
+                used, local = np.unique(faces, return_inverse=True)
+                middle = part.vertices[used].mean(axis=0)
+                rgb, opacity = colours.LIMITS[limit.kind]
+                nodes.append(
+                    scene.add_mesh_simple(
+                        f"/limits/{limit.kind}/{limit.id.replace('/', '-')}/{i}",
+                        (part.vertices[used] - middle).astype(np.float32),
+                        local.reshape(-1, 3).astype(np.uint32),
+                        color=rgb,
+                        opacity=opacity,
+                        side="double",
+                        flat_shading=True,
+                        cast_shadow=False,
+                        receive_shadow=False,
+                        position=tuple(middle),
+                    )
+                )
+            self._nodes[limit.id] = nodes
+
+    def update(self, off_states: Sequence[str], let_off: frozenset[str], suspended: Sequence[Suspended]) -> None:
+        """Show what counts now."""
+        gone = {one.limit for one in suspended}
+        for name, limit in self._limits.items():
+            own = limit.own_track_of is not None and limit.own_track_of in let_off
+            off = limit.activity.state in off_states
+            look = "suspended" if name in gone else "hidden" if own or off else "on"
+            if self._shown.get(name) == look:
+                continue
+            self._shown[name] = look
+            rgb, opacity = colours.LIMITS[limit.kind]
+            for node in self._nodes[name]:
+                node.visible = look != "hidden"
+                node.wireframe = look == "suspended"
+                node.color = (220, 0, 0) if look == "suspended" else rgb
+                node.opacity = 0.9 if look == "suspended" else opacity
+
+
+def _near_faces(vertices: Floats, faces: Any, around: Floats) -> Any:
+    """Return the faces with a corner near a place, in plan."""
+    near = np.linalg.norm(vertices[:, :2] - around[:2], axis=1) < DRAWN_M
+    return faces[near[faces].any(axis=1)]
+
+
+class Clearances:
+    """Lines to the nearest limits with their metres, and protection levels as halos."""
+
+    def __init__(self, scene: Any) -> None:
+        zero = np.zeros((1, 2, 3), dtype=np.float32)
+        self._lines = [
+            scene.add_line_segments(
+                f"/near/line {i}", zero, (0, 0, 0), thickness=4.0, thickness_units="screen", visible=False
+            )
+            for i in range(LINES)
+        ]
+        self._labels = [
+            scene.add_label(f"/near/metres {i}", "", anchor="bottom-center", visible=False) for i in range(LINES)
+        ]
+        self._halos = [
+            scene.add_icosphere(
+                f"/near/halo {i}", radius=1.0, color=colours.HALO, opacity=0.35, cast_shadow=False, visible=False
+            )
+            for i in range(LINES)
+        ]
+
+    def update(self, near: Sequence[Near], keep_m: float) -> None:
+        """Draw the nearest; keep_m: what is kept where a limit names nothing itself [m]."""
+        shown = [one for one in near if one.kind != "self" and one.distance_m < LONGEST_LINE_M][:LINES]
+        for i in range(LINES):
+            visible = i < len(shown)
+            self._lines[i].visible = self._labels[i].visible = visible
+            if not visible:
+                self._halos[i].visible = False
+                continue
+            one = shown[i]
+            a, b = np.array(one.point_machine), np.array(one.point_limit)
+            left = one.distance_m - one.protection_m - (keep_m if one.stop_m is None else one.stop_m)
+            self._lines[i].points = np.array([[a, b]], dtype=np.float32)
+            self._lines[i].colors = np.array(colours.near_colour(left), dtype=np.uint8)
+            self._labels[i].position = tuple(0.5 * (a + b))
+            self._labels[i].text = f"{one.distance_m:.2f} m {one.name}"
+            halo = one.protection_m > SMALLEST_HALO_M
+            self._halos[i].visible = halo
+            if halo:
+                self._halos[i].position, self._halos[i].scale = tuple(a), float(min(one.protection_m, 5.0))
+
+
+class Tracks:
+    """Rails of the alignments near the machine, their names and chainages."""
+
+    def __init__(self, scene: Any, session: Session) -> None:
+        origin = session.frame.origin
+        at = session.true_state[1][:3, 3]
+        for alignment in session.site.alignments:
+            distance, offset = alignment.project((at[:2] + origin[:2])[None])
+            if abs(float(offset[0])) > CHAINAGE_WITHIN_M:
+                continue
+            first = max(0.0, float(distance[0]) - CHAINAGE_WITHIN_M)
+            last = min(alignment.length, float(distance[0]) + CHAINAGE_WITHIN_M)
+            self._draw(scene, session, alignment, first, last, float(distance[0]))
+
+    @staticmethod
+    def _draw(scene: Any, session: Session, alignment: Any, first: float, last: float, here: float) -> None:
+        along = np.unique(np.concatenate([np.arange(first, last, 2.0), [last]]))
+        state = alignment.at(along)
+        z = np.where(np.isfinite(state.z), state.z, session.frame.origin[2])
+        middle = np.stack([state.e, state.n, z], axis=1) - session.frame.origin
+        left = np.stack([-np.cos(state.heading), np.sin(state.heading), np.zeros_like(z)], axis=1)
+        name = alignment.name.strip()
+        for side, half in (("left", 0.75), ("right", -0.75)):
+            rail = middle + half * left
+            scene.add_line_segments(
+                f"/tracks/{name}/{side}",
+                np.stack([rail[:-1], rail[1:]], axis=1).astype(np.float32),
+                colours.RAIL,
+                thickness=0.07,
+            )
+        for at in np.arange(math.ceil(first / CHAINAGE_M) * CHAINAGE_M, last, CHAINAGE_M).tolist():
+            i = int(np.argmin(np.abs(along - at)))
+            station = float(np.asarray(alignment.station(at)))
+            text = f"{int(station // 1000)}+{station % 1000:03.0f}"
+            near = abs(at - here) <= 0.5 * CHAINAGE_M
+            scene.add_label(
+                f"/tracks/{name}/{at:.0f}",
+                f"{name} {text}" if near else text,
+                position=tuple(middle[i] + np.array([0.0, 0.0, 0.1])),
+                anchor="center-center",
+                font_screen_scale=0.8,
+            )
+
+
+class Scene:
+    """Everything that is seen.
+
+    Args:
+        scene: viser's. session: of the same scenario as the machine's.
+    """
+
+    def __init__(self, scene: Any, session: Session) -> None:
+        self._scene, self._session = scene, session
+        machine = session.machine
+        q, T = session.true_state
+        self.T_site_machine = T
+        self._limits = Limits(scene, session.limit_set.limits, T[:3, 3])
+        Tracks(scene, session)
+        self._machine = Boxes(scene, machine, "/machine", colours.MACHINE)
+        self._machine.place(q, T)
+        self._stop = Boxes(scene, machine, "/stop", colours.STOP_GHOST, 0.35)
+        self._ghost = Boxes(scene, machine, "/preview", colours.PREVIEW_GHOST, 0.4)
+        self._near = Clearances(scene)
+        self._way: Any = None
+        self._foreseen: Foreseen | None = None
+        self._frame = 0
+
+    def update(self, now: Snapshot) -> None:
+        """Show a snapshot."""
+        T = np.eye(4)
+        T[:3] = np.reshape(now.pose, (3, 4))
+        self.T_site_machine = T
+        self._machine.place(now.q, T)
+        apart = float(np.abs(np.array(now.stop_q) - np.array(now.q)).max()) > 2e-3
+        self._stop.show(apart)
+        if apart:
+            self._stop.place(now.stop_q, T)
+        keep = dict(now.settings).get("stop_distance_m", 0.0)
+        self._near.update(now.near, keep)
+        self._limits.update(now.off_states, self._session.let_off, now.suspended)
+        self._preview(now)
+
+    def foreseen(self, found: Foreseen) -> None:
+        """Take in what a preview came to."""
+        self._foreseen, self._frame = found, 0
+        if self._way is not None:
+            self._way.remove()
+            self._way = None
+        if len(found.tool) > 1:
+            points = np.array(found.tool, dtype=np.float32)
+            self._way = self._scene.add_line_segments(
+                "/preview way", np.stack([points[:-1], points[1:]], axis=1), colours.PREVIEW_GHOST, thickness=0.04
+            )
+
+    def _preview(self, now: Snapshot) -> None:
+        """Let the ghost of the preview that counts go along its way, again and again."""
+        found = self._foreseen
+        counts = found is not None and found.id == now.preview and bool(found.postures)
+        self._ghost.show(counts)
+        if self._way is not None and self._way.visible != counts:
+            self._way.visible = counts
+        if counts and found is not None:
+            self._frame = (self._frame + 1) % (len(found.postures) * 2)
+            at = min(self._frame, len(found.postures) - 1)
+            self._ghost.place(found.postures[at], self.T_site_machine)
+
+    def tool(self, now: Snapshot) -> Floats:
+        """Return the tool's pose (4, 4) in the site."""
+        machine = self._session.machine
+        return np.asarray(self.T_site_machine @ machine.tool_pose(machine.forward(now.q)))
+
+    def cab(self, now: Snapshot) -> tuple[Floats, Floats]:
+        """Return where the operator's eye would be and where it looks (3,), both in the site."""
+        machine = self._session.machine
+        kin = machine.forward(now.q)
+        T = self.T_site_machine @ kin.T_machine_links[1]
+        ahead = self.tool(now)[:3, 3]
+        up = self.T_site_machine[:3, 2]
+        axis = T[:3, 3]
+        flat = ahead - axis - up * float((ahead - axis) @ up)
+        forward = flat / max(float(np.linalg.norm(flat)), 1e-6)
+        eye = self.T_site_machine[:3, 3] + 2.6 * up + 0.3 * forward + 0.8 * np.cross(up, forward)
+        return eye, ahead
