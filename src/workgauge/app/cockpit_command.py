@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import signal
 import time
 import webbrowser
 from typing import Annotated
@@ -70,6 +71,7 @@ def cockpit_command(
     desk = DeskSettings(intent_age_s=intent_age_ms * 1e-3, round_trip_s=round_trip_ms * 1e-3)
     plan = Plan(loaded, desk, access, f"tcp/127.0.0.1:{free_port()}", free_port(), machine_id)
     minder = Minder(plan, lambda text: stderr().print(text))
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ended from outside as by Ctrl-C
     stdout().print("starting (half a minute the first time on a computer) …")
     try:
         minder.start()

@@ -6,6 +6,7 @@ import os
 import signal
 import socket
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -96,8 +97,17 @@ def page_process(plan: Plan, ready: Any) -> None:
         timeout_graceful_shutdown=1,
     )
     server = uvicorn.Server(config)
+    parent = os.getppid()
+
+    def orphaned() -> None:
+        while os.getppid() == parent:
+            time.sleep(LOOK_S)
+        server.should_exit = True
+
+    threading.Thread(target=orphaned, daemon=True).start()
     ready.set()
     server.run()
+    mail.close()
 
 
 def view_process(plan: Plan, ready: Any) -> None:

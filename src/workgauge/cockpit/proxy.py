@@ -13,7 +13,7 @@ from websockets.exceptions import WebSocketException
 LARGEST_OUT, LARGEST_IN = 64 << 20, 1 << 20
 
 #: Hides the view's own control panel: the page has its own.
-_STYLE = "<style>.mantine-Paper-root, .viser-control-panel { display: none !important; }</style>"
+_STYLE = "<style>.mantine-Paper-root, .mantine-Notifications-root { display: none !important; }</style>"
 
 
 def client_page() -> bytes:

@@ -216,7 +216,7 @@ class Tracks:
             )
         for at in np.arange(math.ceil(first / CHAINAGE_M) * CHAINAGE_M, last, CHAINAGE_M).tolist():
             i = int(np.argmin(np.abs(along - at)))
-            station = float(np.asarray(alignment.station(at)))
+            station = float(np.ravel(alignment.station(at))[0])
             text = f"{int(station // 1000)}+{station % 1000:03.0f}"
             near = abs(at - here) <= 0.5 * CHAINAGE_M
             scene.add_label(

@@ -1,5 +1,7 @@
 """The 3-D view: a viser server on loopback, fed with snapshots; each page looks from where it wants to."""
 
+import contextlib
+import io
 import threading
 import time
 from collections.abc import Callable
@@ -33,8 +35,9 @@ class View:
 
     def __init__(self, session: Session, mail: Mail, port: int) -> None:
         self._mail, self._machine_id = mail, session.machine_id
-        self._server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
-        self._server.gui.configure_theme(show_logo=False, show_share_button=False, control_layout="collapsible")
+        with contextlib.redirect_stdout(io.StringIO()):  # its banner names an address that is not to be opened
+            self._server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
+        self._server.gui.configure_theme(show_logo=False, show_share_button=False, control_layout="floating")
         self._server.scene.set_up_direction("+z")
         self._scene = Scene(self._server.scene, session)
         self._inboxes = {
