@@ -45,7 +45,7 @@ class DeskSettings:
     round_trip_s: float = 0.5
     gone_s: float = 2.0
     intents_per_s: float = 120.0
-    requests_per_s: float = 60.0
+    requests_per_s: float = 20.0
 
 
 @dataclass(slots=True)
@@ -129,12 +129,15 @@ class Desk:
                 self._count(malformed=1)
             elif request.stamp.machine_id != self._machine_id:
                 self._count(invalid=1)
+            elif request.kind is RequestKind.BEAT:
+                if self._room("beat", request.stamp.source, self.settings.intents_per_s, now_ns):
+                    self._beat(request, now_ns)
+                else:
+                    self._count(flooding=1)
             elif request.kind is not RequestKind.STOP and not self._room(
                 "request", request.stamp.source, self.settings.requests_per_s, now_ns
             ):
                 self._count(flooding=1)
-            elif request.kind is RequestKind.BEAT:
-                self._beat(request, now_ns)
             elif request.kind is not RequestKind.WATCH:
                 found.append(request)
         return found

@@ -132,11 +132,13 @@ setInterval(() => {
   link.send({ say: "hands", n: ++count, seen: now.number, mode, levers, enable: pressed });
 }, PERIOD_MS);
 
+// A button that was clicked does not keep the keys: enter and space mean the machine.
+document.addEventListener("click", (event) => event.detail > 0 && event.target.closest("button")?.blur());
 hands.addEventListener("stop", () => link.ask("stop"));
 hands.addEventListener("enable", () => $("enable").click());
 hands.addEventListener("away", () => { press(false); out = false; });
-$("stop").onclick = () => { link.ask("stop"); $("stop").blur(); };
-$("enable").onclick = () => { if (mine && !now.stopped) press(!pressed); $("enable").blur(); };
+$("stop").onclick = () => link.ask("stop");
+$("enable").onclick = () => { if (mine && !now.stopped) press(!pressed); };
 $("take").onclick = () => link.ask("take");
 $("give").onclick = () => link.ask("give", { text: now.wanted_by });
 $("leave").onclick = () => { press(false); link.ask("leave"); };
@@ -157,7 +159,7 @@ $("handle").onclick = () => {
   sendLook();
 };
 $("turned").onchange = lookAhead;
-$("run").onclick = () => { link.ask("run", { text: goal.id }); $("run").blur(); };
+$("run").onclick = () => { link.ask("run", { text: goal.id }); };
 $("cancel").onclick = () => { goal = null; link.ask("cancel"); };
 
 $("guard").onchange = () => panels.guardSettings(setup, $("guard").value, now);
@@ -188,15 +190,17 @@ function showView() {
 }
 $("view").onload = () => {
   const inside = $("view").contentWindow;
-  hands.listen(inside);
-  inside.addEventListener("pointerup", () => window.focus());
+  try {
+    hands.listen(inside);
+    inside.addEventListener("pointerup", () => window.focus());
+  } catch { // the view is not there now: the browser shows a page of its own in its place
+  }
 };
 $("views").onclick = (event) => {
   const view = event.target.dataset.view;
   if (!view) return;
   look.view = view;
   for (const button of $("views").children) button.setAttribute("aria-pressed", String(button === event.target));
-  event.target.blur();
   sendLook();
 };
 function theme(dark) {

@@ -1,0 +1,92 @@
+"""The real thing for tests: all processes, and a browser on the page."""
+
+import os
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from workgauge.app.cockpit_processes import Minder, Plan, free_port
+from workgauge.bus.zenoh_mail import ZenohMail
+from workgauge.cockpit.access import Access
+from workgauge.rehearse.run import open_session
+from workgauge.rehearse.scenario_file import load_scenario
+from workgauge.rehearse.station.desk import DeskSettings
+from workgauge.values.station import Snapshot
+from workgauge.wire.station import decode_station, topic
+
+TOKEN = "operator-of-the-tests"
+CHROMIUM = next((found for name in ("chromium", "chromium-browser") if (found := shutil.which(name))), None)
+#: Drawn by the processor, nothing looked up elsewhere.
+FLAGS = [
+    "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync", "--use-gl=angle", "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+]  # fmt: skip
+
+
+def wait_until(true: Callable[[], object], patience_s: float = 20.0, what: str = "") -> None:
+    give_up = time.monotonic() + patience_s
+    while not true():
+        assert time.monotonic() < give_up, f"never: {what}"
+        time.sleep(0.02)
+
+
+@dataclass
+class Stack:
+    """All processes, and an ear of the tests' own on the machine."""
+
+    minder: Minder
+    plan: Plan
+    mail: ZenohMail
+    said: list[str]
+    newest: Snapshot | None = None
+    inbox: object = field(default=None)
+
+    @classmethod
+    def begin(cls, scenario: str = "pole-approach", *, token: str | None = TOKEN, joints: str = "ideal") -> "Stack":
+        loaded = load_scenario(scenario).choosing(guard="barrier", joints=joints)  # type: ignore[arg-type]
+        name = open_session(loaded).machine_id
+        access = Access("127.0.0.1", free_port(), token)
+        # a browser that draws with the processor, on two cores, is slower than any operator's
+        desk = DeskSettings(intent_age_s=0.5, round_trip_s=4.0)
+        plan = Plan(loaded, desk, access, f"tcp/127.0.0.1:{free_port()}", free_port(), name)
+        said: list[str] = []
+        minder = Minder(plan, said.append)
+        minder.start()
+        mail = ZenohMail(connect=plan.bus)
+        return cls(minder, plan, mail, said, inbox=mail.inbox(topic(name, "snapshot"), 4))
+
+    @property
+    def address(self) -> str:
+        return f"http://127.0.0.1:{self.plan.access.port}/"
+
+    def now(self) -> Snapshot:
+        """Return the newest snapshot, at least one newer than the last."""
+        before = self.newest
+
+        def heard() -> bool:
+            for letter in self.inbox.read():  # type: ignore[attr-defined]
+                self.newest = decode_station(letter.data, letter.received_ns).value
+            return self.newest is not None and self.newest is not before
+
+        wait_until(heard, what="a snapshot")
+        assert self.newest is not None
+        return self.newest
+
+    def until(self, true: Callable[[Snapshot], object], what: str, patience_s: float = 20.0) -> Snapshot:
+        give_up = time.monotonic() + patience_s
+        while not true(now := self.now()):
+            assert time.monotonic() < give_up, f"never: {what}; {now.held[:2]} {now.events[-3:]}"
+        return now
+
+    def kill(self, name: str) -> None:
+        """End one process as a crash would."""
+        process = self.minder.running[name]
+        assert process.pid is not None
+        os.kill(process.pid, 9)
+        process.join(5.0)
+
+    def end(self) -> None:
+        self.mail.close()
+        self.minder.stop()
