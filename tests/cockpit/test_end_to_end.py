@@ -1,6 +1,6 @@
 """The real stack: browser, page, view, Zenoh, machine; what an operator does, and what may go wrong meanwhile."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -29,14 +29,23 @@ def browser() -> Iterator[object]:
 
 
 @pytest.fixture
-def page(stack: Stack, browser) -> Iterator[object]:
-    context = browser.new_context(viewport={"width": 1024, "height": 768})
-    found = _opened(context, stack)
-    yield found
-    if not found.is_closed() and stack.now().driver:
-        found.locator("#leave").click(timeout=2000) if found.locator("#leave").is_visible() else None
-    context.close()
+def contexts(stack: Stack, browser) -> Iterator[Callable[[], object]]:
+    """Make browser contexts, each a person of its own; whoever still has the seat leaves it by leaving."""
+    made = []
+
+    def another() -> object:
+        made.append(browser.new_context(viewport={"width": 1024, "height": 768}))
+        return made[-1]
+
+    yield another
+    for one in made:
+        one.close()
     stack.until(lambda now: not now.driver, "the seat is free")
+
+
+@pytest.fixture
+def page(stack: Stack, contexts) -> object:
+    return _opened(contexts(), stack)
 
 
 def _opened(context, stack: Stack, *, view: bool = False):
@@ -58,7 +67,7 @@ def _seated(page, stack: Stack) -> None:
     """Take the seat, put the machine back to its start, and press Enable."""
     page.click("#take")
     stack.until(lambda now: now.driver, "the seat is taken")
-    page.wait_for_selector("#leave", state="visible")
+    page.wait_for_selector("#leave", state="visible", timeout=10_000)
     if page.locator("#clear").is_visible():
         page.click("#clear")
     page.click("#restart")
@@ -132,11 +141,10 @@ def test_a_state_that_is_switched_appears_and_acts(page, stack: Stack) -> None:
     stack.until(lambda now: any(one.limit == "track:Track 2" for one in now.near), "it counts again")
 
 
-def test_a_second_page_cannot_drive_until_the_first_hands_over(page, stack: Stack, browser) -> None:
+def test_a_second_page_cannot_drive_until_the_first_hands_over(page, stack: Stack, contexts) -> None:
     _seated(page, stack)
     first = stack.now().driver
-    context = browser.new_context(viewport={"width": 1024, "height": 768})
-    other = _opened(context, stack)
+    other = _opened(contexts(), stack)
     shows(other, "#take", "Ask for the seat")
     other.keyboard.press("Enter")
     other.keyboard.down("d")
@@ -151,7 +159,6 @@ def test_a_second_page_cannot_drive_until_the_first_hands_over(page, stack: Stac
     shows(other, "#seatText", "you drive")
     other.keyboard.press("Enter")
     stack.until(lambda now: now.enabled, "the second page may drive now")
-    context.close()
 
 
 def test_the_guard_is_chosen_with_a_word_of_confirmation(page, stack: Stack) -> None:

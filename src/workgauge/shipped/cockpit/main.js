@@ -7,12 +7,14 @@ import * as panels from "/page/panels.js";
 const $ = (id) => document.getElementById(id);
 const PERIOD_MS = 33; // of the hands
 const SETTLED_MS = 350; // a handle at rest for so long is looked at
+const SHOWN_MS = 120; // the gate wants to see the switch let go before it is pressed
+const REFUSED_MS = 1500; // pressed for so long, and the gate does not open: let go again
 
 const link = new Link();
 const hands = new Hands(() => $("share").valueAsNumber / 100);
 const chart = new Chart($("chart"));
 let setup = null, now = null, mine = false, count = 0;
-let pressed = false, out = false; // the dead-man switch, and the way out held
+let pressed = false, pressedAt = 0, out = false; // the dead-man switch, since when, and the way out held
 let look = { view: "overview", dark: false, handle: false };
 let goal = null; // {id, pose, found}
 let settling = 0;
@@ -24,7 +26,7 @@ const say = (text) => new Promise((resolve) => {
   $("ask").showModal();
 });
 const sendLook = () => link.send({ say: "look", ...look });
-const press = (on) => { pressed = on; $("enable").setAttribute("aria-pressed", String(on)); };
+const press = (on) => { pressed = on; pressedAt = performance.now(); $("enable").setAttribute("aria-pressed", String(on)); };
 
 // --- what comes in ---------------------------------------------------------------------------------------------
 link.addEventListener("you", (event) => {
@@ -56,7 +58,8 @@ link.addEventListener("snapshot", (event) => {
   if (!setup) return;
   if (!before || before.guard !== now.guard) guardShown();
   mine = panels.seat(now, link.you.source);
-  if (!mine || now.stopped) press(false);
+  const refused = pressed && !now.enabled && performance.now() - pressedAt > REFUSED_MS;
+  if (pressed && (!mine || now.stopped || refused)) press(false);
   $("enable").disabled = !mine || Boolean(now.stopped);
   chart.take(now, setup.joints);
 });
@@ -129,7 +132,7 @@ setInterval(() => {
   if (out) [mode, levers[0], levers[1], levers[2], levers[3], levers[4], levers[5]] = ["exit", 0, 0, 0, 1, 0, 0];
   else if (now.running && moved) link.ask("cancel"); // the hand takes over
   else if (now.running) [mode, levers[3]] = ["auto", $("pace").valueAsNumber / 100];
-  link.send({ say: "hands", n: ++count, seen: now.number, mode, levers, enable: pressed });
+  link.send({ say: "hands", n: ++count, seen: now.number, mode, levers, enable: pressed && performance.now() - pressedAt > SHOWN_MS });
 }, PERIOD_MS);
 
 // A button that was clicked does not keep the keys: enter and space mean the machine.
