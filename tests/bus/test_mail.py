@@ -42,7 +42,7 @@ def line(request: pytest.FixtureRequest) -> Iterator[Line]:
     made = [near]
 
     def another() -> Mail:
-        made.append(zenoh_mail.ZenohMail(connect=address))
+        made.append(zenoh_mail.ZenohMail(connect=[address]))
         return made[-1]
 
     yield Line(near, another(), another)
@@ -152,6 +152,18 @@ def test_who_leaves_does_not_disturb_those_who_stay(line: Line) -> None:
     assert gather(stays, bool)[-1].data == b"after"
 
 
+def test_one_connects_to_several_and_hears_all() -> None:
+    addresses = [f"tcp/127.0.0.1:{free_port()}" for _ in range(2)]
+    first = zenoh_mail.ZenohMail(listen=addresses[0])
+    second = zenoh_mail.ZenohMail(listen=addresses[1], connect=addresses[:1])
+    third = zenoh_mail.ZenohMail(connect=addresses)
+    joined(second, third.inbox("from second"), "from second")
+    joined(first, third.inbox("from first"), "from first")
+    joined(first, second.inbox("between"), "between")
+    for one in (third, second, first):
+        one.close()
+
+
 def test_publishing_to_nobody_is_fine(line: Line) -> None:
     for _ in range(1000):
         line.near.publish("void", b"x" * 1000)
@@ -159,7 +171,7 @@ def test_publishing_to_nobody_is_fine(line: Line) -> None:
 
 def test_who_connects_first_finds_the_listener_later() -> None:
     address = f"tcp/127.0.0.1:{free_port()}"
-    early = zenoh_mail.ZenohMail(connect=address)
+    early = zenoh_mail.ZenohMail(connect=[address])
     inbox = early.inbox("late")
     late = zenoh_mail.ZenohMail(listen=address)
     joined(late, inbox, "late")

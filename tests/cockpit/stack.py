@@ -50,11 +50,11 @@ class Stack:
         access = Access("127.0.0.1", free_port(), token)
         # a browser that draws with the processor, on two cores, is slower than any operator's
         desk = DeskSettings(intent_age_s=0.5, round_trip_s=4.0)
-        plan = Plan(loaded, desk, access, f"tcp/127.0.0.1:{free_port()}", free_port(), name)
+        plan = Plan.of(loaded, desk, access, name)
         said: list[str] = []
         minder = Minder(plan, said.append)
         minder.start()
-        mail = ZenohMail(connect=plan.bus)
+        mail = ZenohMail(connect=plan.bus("page")["connect"])
         return cls(minder, plan, mail, said, inbox=mail.inbox(topic(name, "snapshot"), 4))
 
     @property

@@ -51,7 +51,7 @@ def cockpit_command(
     to be used; otherwise new ones are made at every start.
     """
     try:
-        from workgauge.app.cockpit_processes import LOOK_S, Minder, Plan, free_port, port_taken
+        from workgauge.app.cockpit_processes import LOOK_S, Minder, Plan, port_taken
         from workgauge.cockpit.access import Access, loopback, new_token
     except ModuleNotFoundError as error:
         raise InputError(
@@ -69,7 +69,7 @@ def cockpit_command(
     if port_taken(host, port):
         raise InputError("something listens there already", element="--port", value=port, allowed="a free port")
     desk = DeskSettings(intent_age_s=intent_age_ms * 1e-3, round_trip_s=round_trip_ms * 1e-3)
-    plan = Plan(loaded, desk, access, f"tcp/127.0.0.1:{free_port()}", free_port(), machine_id)
+    plan = Plan.of(loaded, desk, access, machine_id)
     minder = Minder(plan, lambda text: stderr().print(text))
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ended from outside as by Ctrl-C
     stdout().print("starting (half a minute the first time on a computer) …")

@@ -8,7 +8,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -24,21 +24,38 @@ LOOK_S, AGAIN_S = 0.25, 2.0
 NICE = 10
 
 
+#: The order they begin in; each connects to those before it.
+_ORDER = ("machine", "page", "view", "preview")
+
+
+def _address(port: int) -> str:
+    return f"tcp/127.0.0.1:{port}"
+
+
 @dataclass(frozen=True, slots=True)
 class Plan:
     """What all processes are told.
 
     Attributes:
-        loaded: the scenario. desk: of the driver's link. access: to the page. bus, view_port: on loopback.
-        machine_id: whose.
+        loaded: the scenario. desk: of the driver's link. access: to the page. machine_id: whose.
+        ports: process to the port it listens on for the others; `scene` is the view's own. All on loopback.
     """
 
     loaded: LoadedScenario
     desk: DeskSettings
     access: Access
-    bus: str
-    view_port: int
+    ports: Mapping[str, int]
     machine_id: str
+
+    @classmethod
+    def of(cls, loaded: LoadedScenario, desk: DeskSettings, access: Access, machine_id: str) -> "Plan":
+        """Return a plan on ports that are free now."""
+        return cls(loaded, desk, access, {name: free_port() for name in (*_ORDER, "scene")}, machine_id)
+
+    def bus(self, name: str) -> dict[str, Any]:
+        """Return where a process listens, and whom it connects to: those before it in the order they begin."""
+        before = _ORDER[: _ORDER.index(name)]
+        return {"listen": _address(self.ports[name]), "connect": [_address(self.ports[one]) for one in before]}
 
 
 def free_port() -> int:
@@ -68,7 +85,7 @@ def machine_process(plan: Plan, ready: Any) -> None:
 
     with _until_told() as going:
         station = Station(plan.loaded, plan.desk, lambda text: print(text, file=sys.stderr, flush=True))
-        mail = ZenohMail(listen=plan.bus)
+        mail = ZenohMail(**plan.bus("machine"))
         ready.set()
         run_station(station, mail, Pace(station.session.tick_s), going)
         mail.close()
@@ -84,8 +101,8 @@ def page_process(plan: Plan, ready: Any) -> None:
     from workgauge.cockpit.speech import LONGEST
 
     os.nice(NICE // 2)
-    mail = ZenohMail(connect=plan.bus)
-    cockpit = Cockpit(Hub(mail, plan.machine_id), plan.access, f"ws://127.0.0.1:{plan.view_port}")
+    mail = ZenohMail(**plan.bus("page"))
+    cockpit = Cockpit(Hub(mail, plan.machine_id), plan.access, f"ws://127.0.0.1:{plan.ports['scene']}")
     config = uvicorn.Config(
         cockpit.app(),
         host=plan.access.host,
@@ -118,8 +135,8 @@ def view_process(plan: Plan, ready: Any) -> None:
 
     os.nice(NICE)
     with _until_told() as going:
-        mail = ZenohMail(connect=plan.bus)
-        view = View(open_session(plan.loaded), mail, plan.view_port)
+        mail = ZenohMail(**plan.bus("view"))
+        view = View(open_session(plan.loaded), mail, plan.ports["scene"])
         ready.set()
         view.run(going)
         mail.close()
@@ -133,7 +150,7 @@ def preview_process(plan: Plan, ready: Any) -> None:
 
     os.nice(NICE)
     with _until_told() as going:
-        mail = ZenohMail(connect=plan.bus)
+        mail = ZenohMail(**plan.bus("preview"))
         previewer = Previewer(plan.loaded)
         ready.set()
         run_previews(previewer, mail, lambda: time.sleep(0.02), going)

@@ -1,6 +1,7 @@
 """Mail between processes over Zenoh, peer to peer: nothing to start, loopback only unless told otherwise.
 
-One process listens, the others connect and go on trying until it is there. Scouting by multicast and gossip is off.
+Whoever is to be heard by another listens or connects to it, and goes on trying until it is there; nobody passes on
+what others tell each other. Scouting by multicast and gossip is off.
 Frames are dropped, never waited for, where a reader's link is full; what arrives is kept by Zenoh itself in a ring of
 the newest, so that no thread of Python's runs for it and a flood costs the reader nothing but the ring.
 """
@@ -8,7 +9,7 @@ the newest, so that no thread of Python's runs for it and a flood costs the read
 import json
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import zenoh
@@ -81,13 +82,13 @@ class ZenohInbox:
         self._subscriber.undeclare()
 
 
-def _config(listen: str | None, connect: str | None) -> Any:
+def _config(listen: str | None, connect: Sequence[str]) -> Any:
     """Return Zenoh's configuration for one process."""
     config = zenoh.Config()
     for name, value in _SETTINGS.items():
         config.insert_json5(name, json.dumps(value))
-    for name, address in (("listen", listen), ("connect", connect)):
-        config.insert_json5(f"{name}/endpoints", json.dumps([] if address is None else [address]))
+    config.insert_json5("listen/endpoints", json.dumps([] if listen is None else [listen]))
+    config.insert_json5("connect/endpoints", json.dumps(list(connect)))
     return config
 
 
@@ -96,14 +97,14 @@ class ZenohMail:
 
     Args:
         listen: where to be reached (`tcp/127.0.0.1:7447`), None not to be. connect: whom to connect to; tried again
-            until it is there, and again when it is lost. clock: monotonic [ns].
+            until they are there, and again when they are lost. clock: monotonic [ns].
 
     Raises:
         InputError: if the address cannot be listened on, or is none.
     """
 
     def __init__(
-        self, *, listen: str | None = None, connect: str | None = None, clock: Callable[[], int] = time.monotonic_ns
+        self, *, listen: str | None = None, connect: Sequence[str] = (), clock: Callable[[], int] = time.monotonic_ns
     ) -> None:
         try:
             self._session = zenoh.open(_config(listen, connect))
@@ -111,7 +112,7 @@ class ZenohMail:
             raise InputError(
                 "the address between the processes cannot be used",
                 element="bus",
-                value=listen or connect,
+                value=listen or ", ".join(connect),
                 allowed="one that is free, as tcp/127.0.0.1:7447",
             ) from error
         self._clock = clock
