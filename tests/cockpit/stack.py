@@ -44,12 +44,14 @@ class Stack:
     inbox: object = field(default=None)
 
     @classmethod
-    def begin(cls, scenario: str = "pole-approach", *, token: str | None = TOKEN, joints: str = "ideal") -> "Stack":
+    def begin(
+        cls, scenario: str = "pole-approach", *, token: str | None = TOKEN, joints: str = "ideal", gone_s: float = 2.0
+    ) -> "Stack":
         loaded = load_scenario(scenario).choosing(guard="barrier", joints=joints)  # type: ignore[arg-type]
         name = open_session(loaded).machine_id
         access = Access("127.0.0.1", free_port(), token)
         # a browser that draws with the processor, on two cores, is slower than any operator's
-        desk = DeskSettings(intent_age_s=0.5, round_trip_s=4.0)
+        desk = DeskSettings(intent_age_s=0.5, round_trip_s=4.0, gone_s=gone_s)
         plan = Plan.of(loaded, desk, access, name)
         said: list[str] = []
         minder = Minder(plan, said.append)

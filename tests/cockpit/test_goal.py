@@ -17,6 +17,7 @@ for part in ("zenoh", "viser", "starlette", "uvicorn"):
 
 from stack import CHROMIUM, FLAGS, Stack, wait_until  # noqa: E402
 
+from workgauge.cockpit.view import HANDLE_SCALE  # noqa: E402
 from workgauge.machine.load import load_machine  # noqa: E402
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this computer")
@@ -27,7 +28,7 @@ FOV = np.radians(75.0)
 
 @pytest.fixture(scope="module")
 def stack() -> Iterator[Stack]:
-    begun = Stack.begin(token=None, joints="hydraulic")
+    begun = Stack.begin(token=None, joints="hydraulic", gone_s=60.0)
     yield begun
     begun.end()
 
@@ -43,7 +44,7 @@ def on_screen(page, stack: Stack, point: np.ndarray) -> tuple[float, float]:
     T = np.eye(4)
     T[:3] = np.reshape(stack.now().pose, (3, 4))
     at = T[:3, 3] + np.array([0.0, 0.0, 1.5])
-    eye = at - 16.0 * T[:3, 1] + np.array([0.0, 0.0, 2.0])
+    eye = at - 12.0 * T[:3, 1] + np.array([0.0, 0.0, 2.0])
     ahead = (at - eye) / np.linalg.norm(at - eye)
     right = np.cross(ahead, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -82,8 +83,8 @@ def test_a_goal_is_dragged_looked_at_and_run(stack: Stack) -> None:
         tool = pose[:3, 3]
         # the arrow of the tool's axis that points most nearly up
         axis = max((s * pose[:3, k] for k in range(3) for s in (1, -1)), key=lambda one: float(one[2]))
-        start = on_screen(page, stack, tool + 0.9 * axis)
-        end = on_screen(page, stack, tool + 1.7 * axis)
+        start = on_screen(page, stack, tool + 0.8 * HANDLE_SCALE * axis)
+        end = on_screen(page, stack, tool + (0.8 * HANDLE_SCALE + 0.8) * axis)
         picture(page, "handle")
         before = page.inner_text("#verdict")
         page.mouse.move(*start)
@@ -94,7 +95,7 @@ def test_a_goal_is_dragged_looked_at_and_run(stack: Stack) -> None:
             page.mouse.move(start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1]))
             page.wait_for_timeout(150)
         page.mouse.up()
-        print(start, end, before)
+        wait_until(lambda: page.inner_text("#verdict") != before, 30.0, "the goal is another")
         wait_until(lambda: "reaches in" in page.inner_text("#verdict"), 90.0, "a verdict")
         assert page.locator("#run").is_disabled(), "not enabled yet"
         assert "closest" in page.inner_text("#verdict")

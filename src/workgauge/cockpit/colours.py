@@ -6,8 +6,8 @@ Rgb = tuple[int, int, int]
 
 #: Colour and opacity of limits by kind.
 LIMITS: dict[LimitKind, tuple[Rgb, float | None]] = {
-    LimitKind.TRACK: ((213, 94, 0), 0.25),
-    LimitKind.OVERHEAD_LINE: ((230, 159, 0), 0.16),
+    LimitKind.TRACK: ((213, 94, 0), 0.22),
+    LimitKind.OVERHEAD_LINE: ((230, 159, 0), 0.09),
     LimitKind.POINT: ((0, 114, 178), None),
     LimitKind.LINE: ((0, 158, 115), None),
     LimitKind.SURFACE: ((150, 143, 130), None),

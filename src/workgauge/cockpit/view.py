@@ -22,6 +22,8 @@ from workgauge.wire.station import decode_station, encode_station, topic
 SOURCE = "view"
 #: The mail is looked at so often [s]; a handle that is dragged is told no more often than this [s].
 LOOK_S, HANDLE_S = 0.02, 0.05
+#: Length of the handle's arrows [m].
+HANDLE_SCALE = 2.2
 #: Views that go with the machine.
 _FOLLOWING = ("cab", "follow")
 
@@ -119,7 +121,7 @@ class View:
         if camera.view == "top":
             eye, to, up = at + np.array([0.0, 0.0, 26.0]) - 0.01 * forward, at, forward
         elif camera.view == "side":
-            eye, to = at - 16.0 * left + 2.0 * up, at
+            eye, to = at - 12.0 * left + 2.0 * up, at
         elif camera.view == "cab" and self._now is not None:
             eye, to = self._scene.cab(self._now)
         elif camera.view == "follow":
@@ -140,7 +142,7 @@ class View:
         if wanted and self._handle is None and self._now is not None:
             T = self._scene.tool(self._now)
             self._handle = self._server.scene.add_transform_controls(
-                "/handle", scale=1.2, position=tuple(T[:3, 3]), wxyz=quaternion(T[:3, :3]), depth_test=False
+                "/handle", scale=HANDLE_SCALE, position=tuple(T[:3, 3]), wxyz=quaternion(T[:3, :3]), depth_test=False
             )
             self._handle.on_update(self._dragged)
             self._tell()

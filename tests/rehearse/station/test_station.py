@@ -107,7 +107,7 @@ def test_silence_stops_the_machine_and_later_frees_the_seat(bench) -> None:
     assert not any(bench.valves)
     assert bench.now().driver == PAGE
     assert any(one.code == "stale_intent" for one in bench.snapshot.held)
-    bench.step(200)
+    bench.step(500)
     assert bench.now().driver == ""
     bench.seated(OTHER)
     bench.drive(20, OTHER, left_x=0.5)

@@ -43,7 +43,7 @@ class DeskSettings:
 
     intent_age_s: float = 0.2
     round_trip_s: float = 0.5
-    gone_s: float = 2.0
+    gone_s: float = 5.0
     intents_per_s: float = 120.0
     requests_per_s: float = 20.0
 
