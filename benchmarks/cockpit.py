@@ -2,8 +2,8 @@
 
 One machine ticks in this process as the cockpit's does. In turn it runs alone and with pages: `--pages` web sockets
 through the page's real server, one of them reading nothing. A driver's page sends thirty hands a second, each told
-from the others by its lever; the latency is from before the page's web socket to after the tick that used it. Times of
-ticks are of the same run, alternating, so that what else the computer does falls on both.
+from the others by its lever; the latency is from before the page's web socket to after the tick that used it. Ticks
+with and without pages alternate in one run, so that what else the computer does falls on both.
 
     python benchmarks/cockpit.py --json
 """
@@ -18,7 +18,7 @@ import threading
 import time
 from typing import Any
 
-from workgauge.app.cockpit_processes import Plan, free_port, page_process
+from workgauge.app.cockpit_processes import Plan, free_port, page_process, prefer
 from workgauge.bus.pace import Pace
 from workgauge.bus.zenoh_mail import ZenohMail
 from workgauge.cockpit.access import Access
@@ -58,8 +58,9 @@ def pages(port: int, count: int, seconds: float, sent: Any) -> None:
                 await socket.send(json.dumps({"say": "seen", "n": seen[0]}))
 
     async def drive(socket: Any, seen: list[int]) -> None:
+        await asyncio.sleep(2.5)  # the machine ticks by then
         await socket.send(json.dumps({"say": "ask", "id": "1", "kind": "take"}))
-        await asyncio.sleep(0.5)
+        await asyncio.sleep(0.3)
         for n in range(1, MOST):
             levers = [n * STEP, 0, 0, 0, 0, 0]
             hands = {"say": "hands", "n": n, "seen": seen[0], "mode": "joint", "levers": levers, "enable": n > 5}
@@ -82,6 +83,7 @@ def quantiles(values: list[float]) -> dict[str, float]:
 
 def measured(count: int, seconds: float, turns: int) -> dict[str, Any]:
     """Return what pages cost."""
+    prefer()
     loaded = load_scenario("pole-approach").choosing(guard="barrier")
     station = Station(loaded, DeskSettings())
     session = station.session
@@ -112,7 +114,7 @@ def measured(count: int, seconds: float, turns: int) -> dict[str, Any]:
             used.clear()
             station.desk.seat("", time.monotonic_ns())
             if name == "pages":
-                clients = context.Process(target=pages, args=(access.port, count, seconds + 1.0, sent), daemon=True)
+                clients = context.Process(target=pages, args=(access.port, count, seconds + 1.2, sent), daemon=True)
                 clients.start()
                 time.sleep(1.5)
             pace, until = Pace(session.tick_s), time.monotonic() + seconds

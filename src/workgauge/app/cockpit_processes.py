@@ -20,7 +20,7 @@ from workgauge.values.errors import WorkgaugeError
 
 #: Looking after the processes [s]; between two beginnings of one that dies at once [s].
 LOOK_S, AGAIN_S = 0.25, 2.0
-#: Lower priority of everything but the machine.
+#: Lower priority of everything but the machine, and higher of that.
 NICE = 10
 
 
@@ -76,6 +76,12 @@ def port_taken(host: str, port: int) -> bool:
     return False
 
 
+def prefer() -> None:
+    """Ask the system to run this process before others, where it lets us."""
+    with contextlib.suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, 0, -NICE)
+
+
 def machine_process(plan: Plan, ready: Any) -> None:
     """Run the machine."""
     from workgauge.bus.pace import Pace
@@ -83,6 +89,7 @@ def machine_process(plan: Plan, ready: Any) -> None:
     from workgauge.rehearse.station.running import run_station
     from workgauge.rehearse.station.station import Station
 
+    prefer()
     with _until_told() as going:
         station = Station(plan.loaded, plan.desk, lambda text: print(text, file=sys.stderr, flush=True))
         mail = ZenohMail(**plan.bus("machine"))
