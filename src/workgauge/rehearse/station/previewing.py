@@ -2,7 +2,9 @@
 
 import math
 
+from workgauge.motion.ik.closed_form import closed_form
 from workgauge.motion.job import JobState
+from workgauge.motion.planning import reaching
 from workgauge.rehearse.choices import chosen_guard
 from workgauge.rehearse.preview import Preview, preview
 from workgauge.rehearse.run import open_session
@@ -13,9 +15,10 @@ from workgauge.values.arrays import frozen
 from workgauge.values.errors import InputError
 from workgauge.values.measurements import Stamp
 from workgauge.values.station import Foreseen, PreviewResult, PreviewTask
+from workgauge.values.transforms import inverse
 
 #: A goal is reached within this, or not at all [s].
-AT_MOST_S = 60.0
+AT_MOST_S = 45.0
 #: So many postures of the way are told.
 POSTURES = 24
 SOURCE = "preview"
@@ -48,9 +51,16 @@ class Previewer:
         session = self._session
         if (task.guard, task.settings) != (session.guard.name, guard_settings(session.guard)):
             session.choose_guard(chosen_guard(task.guard, dict(task.settings)))
+        job = goal_job(session, task.id, task.goal, task.full)
+        assert job.goal is not None, "a goal's job has one"
+        place = inverse(pose_of(task.pose)) @ job.goal.T_site_tool
+        form = closed_form(session.machine)
+        near = reaching(session.machine, form, place, job.goal.orientation, frozen(task.q), restarts=2)
+        if isinstance(near, str):
+            return Foreseen(task.id, False, f"does not reach: {near}", None, task.goal, (), ())
         seen = preview(
             *(session.config, session.scene, frozen(task.q), pose_of(task.pose)),
-            *([goal_job(session, task.id, task.goal, task.full)], session.moving.joints),
+            *([job], session.moving.joints),
             off_states=frozenset(task.off_states),
             let_off=frozenset(task.let_off),
             at_most_s=AT_MOST_S,
