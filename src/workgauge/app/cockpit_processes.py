@@ -197,6 +197,7 @@ class Minder:
         self._context = multiprocessing.get_context("spawn")
         self.running: dict[str, BaseProcess] = {}
         self._begun_s: dict[str, float] = {}
+        self._ready: dict[str, Any] = {}  # kept: a process that begins takes its own up later
 
     def start(self, patience_s: float = 180.0) -> None:
         """Begin all, the machine first; return when the page can be opened.
@@ -231,7 +232,7 @@ class Minder:
                 process.kill()
 
     def _begin(self, name: str, run: Callable[[Plan, Any], None]) -> "_Wait":
-        ready = self._context.Event()
+        ready = self._ready[name] = self._context.Event()
         process = self._context.Process(target=run, args=(self._plan, ready), name=f"workgauge {name}", daemon=True)
         process.start()
         self.running[name], self._begun_s[name] = process, time.monotonic()
