@@ -121,7 +121,7 @@ def page_process(plan: Plan, ready: Any) -> None:
         timeout_graceful_shutdown=1,
     )
     server = uvicorn.Server(config)
-    parent = os.getppid()
+    parent = _beginner()
 
     def orphaned() -> None:
         while os.getppid() == parent:
@@ -172,10 +172,16 @@ HELPERS: dict[str, Callable[[Plan, Any], None]] = {
 }
 
 
+def _beginner() -> int:
+    """Return the id of the process that began this one, even if that is gone already."""
+    parent = multiprocessing.parent_process()
+    return os.getppid() if parent is None or parent.pid is None else parent.pid
+
+
 @contextlib.contextmanager
 def _until_told() -> Iterator[Callable[[], bool]]:
     """Yield whether to go on: until asked to stop, or until whoever began this process is gone."""
-    parent, going = os.getppid(), [True]
+    parent, going = _beginner(), [True]
 
     def stop(*_: object) -> None:
         going[0] = False
