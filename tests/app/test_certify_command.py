@@ -127,7 +127,7 @@ def test_what_cannot_be_used_is_refused(cli, failed, tmp_path: Path) -> None:  #
     cli.refused(cli.workgauge(*LINEAR, "--rules", "germany", *with_journal), "another certificate", "rule book")
     assert journal.read_bytes() == kept
     cli.refused(cli.workgauge(*LINEAR, "--journal", tmp_path), "journal cannot be read")
-    cli.refused(cli.workgauge(*LINEAR, "--guard", "none"), "unknown guard")
+    cli.refused(cli.workgauge(*LINEAR, "--guard", "asleep"), "unknown guard")
     cli.refused(cli.workgauge(*LINEAR, "--dead-time", "0"), "--dead-time", "out of range")
     cli.refused(cli.workgauge(*LINEAR, "--machine", "rre99"), "unknown machine")
     cli.refused(cli.workgauge(*LINEAR, "--site", tmp_path / "no.xml"), "no.xml")
