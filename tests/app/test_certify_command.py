@@ -4,8 +4,10 @@ import json
 from pathlib import Path
 
 import pytest
+from numba.core import event
 
 from workgauge.app import certify_command
+from workgauge.app.output import COMPILING
 from workgauge.rehearse.certify.outcome import certificate_id
 
 COMMAND = ("certify", "--machine", "rre20", "--rules", "finland", "--dead-time", "0.3")
@@ -117,6 +119,14 @@ def test_an_interrupt_keeps_what_is_done_and_says_how_to_go_on(cli, failed, tmp_
     assert cli.workgauge(*LINEAR, "--journal", path, "--jobs", 1, "--json").out == answer.out
 
 
+def test_what_is_compiled_first_is_said(capsys) -> None:  # type: ignore[no-untyped-def]
+    with certify_command._progress(4, 0) as say:
+        for status in (event.EventStatus.START, event.EventStatus.END, event.EventStatus.START):
+            event.broadcast(event.Event("numba:compile", status))
+        say(1, 0)
+    assert capsys.readouterr() == ("", f"{COMPILING}\n1 of 4 drives, 0 failed\n")
+
+
 def test_what_cannot_be_used_is_refused(cli, failed, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     _, journal = failed
     kept = journal.read_bytes()
@@ -127,7 +137,7 @@ def test_what_cannot_be_used_is_refused(cli, failed, tmp_path: Path) -> None:  #
     cli.refused(cli.workgauge(*LINEAR, "--rules", "germany", *with_journal), "another certificate", "rule book")
     assert journal.read_bytes() == kept
     cli.refused(cli.workgauge(*LINEAR, "--journal", tmp_path), "journal cannot be read")
-    cli.refused(cli.workgauge(*LINEAR, "--guard", "none"), "unknown guard")
+    cli.refused(cli.workgauge(*LINEAR, "--guard", "asleep"), "unknown guard")
     cli.refused(cli.workgauge(*LINEAR, "--dead-time", "0"), "--dead-time", "out of range")
     cli.refused(cli.workgauge(*LINEAR, "--machine", "rre99"), "unknown machine")
     cli.refused(cli.workgauge(*LINEAR, "--site", tmp_path / "no.xml"), "no.xml")

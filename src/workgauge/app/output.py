@@ -24,7 +24,7 @@ R = TypeVar("R")
 EXIT_INPUT = 2
 
 #: What is said where functions have to be compiled first.
-COMPILING = "compiling, once after an installation: up to a minute"
+COMPILING = "compiling, once after an installation: a minute or two"
 
 #: Tables are this wide where there is no terminal to tell.
 PLAIN_WIDTH = 120
