@@ -62,19 +62,19 @@ def before_compiling(say: Callable[[], None]) -> Iterator[None]:
         yield
 
 
-class _First(event.Listener):  # type: ignore[misc]  # numba has no annotations
+class _First(event.Listener):
     """Says the first of what begins."""
 
     def __init__(self, say: Callable[[], None]) -> None:
         self._say: Callable[[], None] | None = say
 
-    def on_start(self, event: event.Event) -> None:
+    def on_start(self, _: event.Event) -> None:
         """A function is about to be compiled."""
         say, self._say = self._say, None
         if say is not None:
             say()
 
-    def on_end(self, event: event.Event) -> None:
+    def on_end(self, _: event.Event) -> None:
         """It is; there is nothing to say."""
 
 
