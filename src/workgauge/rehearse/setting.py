@@ -50,11 +50,11 @@ TICK_RADIUS_M = 7.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Setting:
-    """A machine at a place of a site, and what follows from it; nothing of it changes while a session lasts.
+    """A machine at a place of a site, and what follows from it; all of it at the start, whatever a session does.
 
     Attributes:
         site, machine, rules, guard: loaded. tick_s: tick period [s]. brakes: of the undercarriage.
-        moving: what moves the joints. start_utc: UTC at the start of the simulated time.
+        moving: what moves the joints, whose state goes on with them. start_utc: UTC at the start of the simulated time.
         stand: where the machine stands at the start. frame: the site's local frame, near there.
         limit_set: in that frame. names: limit id to what a person calls it.
         scene: the limits around the machine, as the tick is given them.
