@@ -98,7 +98,7 @@ def test_what_is_swept_is_what_is_looked_at() -> None:
     for row, tool in zip(seen.q[::25], seen.tool[::25], strict=True):
         kin = machine.forward(row)
         assert tool == pytest.approx((T @ machine.tool_pose(kin))[:3, 3])
-        clearances = session.scene.query(kin, T, 2.0, 0, session.off_states, session._tracks.let_off)
+        clearances = session.scene.query(kin, T, 2.0, 0, session.off_states, session.surroundings().let_off)
         for limit, metres in zip(clearances.limits.tolist(), clearances.distances.tolist(), strict=True):
             name = clearances.limit_ids[limit]
             nearest[name] = min(metres, nearest.get(name, np.inf))
