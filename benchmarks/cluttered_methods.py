@@ -16,6 +16,7 @@ from workgauge.motion.ik.task import orientation_of
 from workgauge.motion.job import Job
 from workgauge.motion.looking_ahead import Surroundings
 from workgauge.motion.plan.global_plan import LOOKS, GlobalPlan, NoPlan, NoPlanReason, plan_global
+from workgauge.motion.plan.rounding import roundable
 from workgauge.motion.plan.shortening import duration_s
 from workgauge.motion.planning import Pace, plan_waypoints
 from workgauge.motion.way_round import way_round
@@ -188,16 +189,16 @@ class Local:
             return self.alone()
         task, driver, began = self._task, self._driver, time.process_time() - self._seconds
         machine = task.scene.machine
+        around = Surroundings(task.scene, task.T_site_machine, STOP_DISTANCE_M)
         plan = way_round(
-            *(Surroundings(task.scene, task.T_site_machine, STOP_DISTANCE_M), machine, driver.came),
-            task.q_goal[None],
+            *(around, machine, driver.came, task.q_goal[None]),
             clearance_m=CLEARANCE_M,
             seed=task.seed,
             seconds=SECONDS,
         )
         if isinstance(plan, NoPlan):
             return driver.outcome(False, plan.why, time.process_time() - began)
-        motions = plan_waypoints(machine, plan, Pace(), words="way round")
+        motions = plan_waypoints(machine, plan, Pace(), words="way round", kept=roundable(around, CLEARANCE_M))
         jobs = [
             Job(f"{motion.words} {i}", trajectory=motion.trajectory, on_path=False, **THERE)
             for i, motion in enumerate(motions)
@@ -248,4 +249,4 @@ PLANNED, LOCAL, BOTH = METHODS = ("global plan", "local", "local, then plan")
 #: What each method promises to keep above every stop distance [m].
 KEPT_M = {PLANNED: CLEARANCE_M, LOCAL: -1e-4, BOTH: -1e-4}
 #: Grows with what a method does, so that an old journal of it is not believed.
-VERSIONS = {PLANNED: 1, LOCAL: 1, BOTH: 1}
+VERSIONS = {PLANNED: 2, LOCAL: 1, BOTH: 2}
