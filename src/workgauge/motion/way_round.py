@@ -6,7 +6,9 @@ import numpy as np
 
 from workgauge.machine.model import MachineModel
 from workgauge.motion.looking_ahead import Surroundings
+from workgauge.motion.paths.rounded import clashing
 from workgauge.motion.plan.global_plan import GlobalPlan, NoPlan, NoPlanReason, plan_global
+from workgauge.motion.plan.rounding import passable
 from workgauge.motion.plan.validity import Need, Validity
 from workgauge.values.arrays import Floats
 
@@ -33,7 +35,8 @@ def way_round(
     """Return waypoints (k, n) from where the machine is to one of the goals, or why there are none.
 
     Where the machine stands too near to something for a plan to begin, it first goes back along the way it came, to
-    the last posture with room; that much of the way is not proven, but it was driven.
+    the last posture with room. Of that way postures are left out where the line past them is proven to keep what its
+    ends have; lines between postures that follow each other were driven, more or less.
 
     Args:
         around: what stands around. came: (m, n), m >= 1, postures it came by, the present one last.
@@ -71,7 +74,8 @@ def way_round(
             onward = plan(back[k])
             if isinstance(onward, NoPlan):
                 return onward
-            return groupwise(machine, np.concatenate([back[:k], onward.waypoints]))
+            out = straightened(machine, back[: k + 1], passable(around, clearance_m))
+            return groupwise(machine, np.concatenate([out[:-1], onward.waypoints]))
     return found
 
 
@@ -84,6 +88,25 @@ def thinned(postures: Floats) -> Floats:
     if np.abs(postures[-1] - kept[-1]).max() > 0.0:
         kept.append(postures[-1])
     return np.array(kept)
+
+
+def straightened(machine: MachineModel, postures: Floats, kept: Callable[[Floats, Floats], bool]) -> Floats:
+    """Return postures (k, n), the ends among them, without those that a line that is kept goes past.
+
+    Args:
+        kept: which lines may be driven. Of joints that cannot move together no line moves two groups.
+    """
+    found, i = [postures[0]], 0
+    while i < len(postures) - 1:
+        j = step = 1
+        while i + j + step < len(postures):
+            ends = postures[i], postures[i + j + step]
+            if clashing(machine, (ends[1] != ends[0])[None])[0] >= 0 or not kept(*ends):
+                break
+            j, step = j + step, 2 * step
+        i += j
+        found.append(postures[i])
+    return np.array(found)
 
 
 def groupwise(machine: MachineModel, waypoints: Floats) -> Floats:

@@ -16,6 +16,7 @@ from workgauge.motion.job import Job
 from workgauge.motion.looking_ahead import Ahead, Surroundings, looked_ahead
 from workgauge.motion.paths.tool_path import ToolPath
 from workgauge.motion.plan.global_plan import NoPlan
+from workgauge.motion.plan.rounding import roundable
 from workgauge.motion.planning import (
     Motion,
     Pace,
@@ -134,7 +135,7 @@ class Automatic:
         found = self._through(came, np.array(near))
         if isinstance(found, NoPlan):
             return found.why
-        motions = plan_waypoints(self._machine, found, _pace(step), words="way round")
+        motions = self._driven(found, step, "way round")
         return Planned(self._jobs(motions, step), found[-1])
 
     def _path(self, step: FollowPath, q: Floats, T_site_machine: Floats) -> Planned:
@@ -198,12 +199,17 @@ class Automatic:
         found = self._through(q[None], start[None])
         if isinstance(found, NoPlan):
             raise ScenarioError("no way to the path's first point was found", element="points", value=found.why)
-        return plan_waypoints(self._machine, found, _pace(step), words="to the path")
+        return self._driven(found, step, "to the path")
 
     def _through(self, came: Floats, goals: Floats) -> Floats | NoPlan:
         return way_round(
             *(self._around(), self._machine, came, goals), clearance_m=PLAN_KEEPS_M, seconds=PLAN_SECONDS
         )
+
+    def _driven(self, waypoints: Floats, step: AutoStep, words: str) -> list[Motion]:
+        """Return the motions along a plan, corners rounded where that is proven to keep what the plan does."""
+        kept = roundable(self._around(), PLAN_KEEPS_M)
+        return plan_waypoints(self._machine, waypoints, _pace(step), words=words, kept=kept)
 
     def _refused(self, seen: Ahead, deviation_m: float, words: str) -> list[str]:
         """Return what is said of a way into limits; refuse one that goes in farther than it may give way."""

@@ -1,7 +1,7 @@
 """The operator of a rehearsal: goes through the drive's steps and moves the levers as each one says."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -201,7 +201,8 @@ class _Back:
 class _Automatic:
     """Let the program do the jobs of a step, one after the other; where it is stuck, look for a way round once."""
 
-    def __init__(self, step: AutoStep, view: View, automatic: Automatic) -> None:
+    def __init__(self, step: AutoStep, view: View, automatic: Automatic, say: Callable[[str], None]) -> None:
+        self._say = say
         self.words = "go to" if isinstance(step, GoTo) else "follow"
         self._step, self._automatic = step, automatic
         self._jobs = list(automatic.begun(step, view.q, view.T_site_machine).jobs)
@@ -231,7 +232,10 @@ class _Automatic:
             return []
         self._planned = True
         found = self._automatic.around_it(self._step, np.array([*self._came, view.q]), view.T_site_machine)
-        return [] if isinstance(found, str) else list(found.jobs)
+        if isinstance(found, str):
+            self._say(f"no way round was found: {found}")
+            return []
+        return list(found.jobs)
 
 
 class Operator:
@@ -252,6 +256,7 @@ class Operator:
         self._line: ToolLine | None = None
         self._pressing = False
         self.begun: list[tuple[str, float]] = []
+        self.notes: list[str] = []  # what there is to say of automatic steps that could not be done
 
     @property
     def step(self) -> int:
@@ -293,7 +298,10 @@ class Operator:
             return _Waiting(step, view)
         if isinstance(step, GoTo | FollowPath):
             with in_step(self._next + 1):
-                return _Automatic(step, view, self._automatic)
+                number = self._next + 1
+                return _Automatic(
+                    step, view, self._automatic, lambda said: self.notes.append(f"step {number}: {said}")
+                )
         if isinstance(step, DriveBack):
             assert self._line is not None, "a scenario has no `back` without a line before it"
             return _Back(step, view, self._line)
