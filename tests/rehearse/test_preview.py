@@ -141,9 +141,9 @@ def test_a_goal_that_is_stuck_is_planned_round_once(monkeypatch: pytest.MonkeyPa
     stuck = Job("inside", goal=ToolGoal(frozen(pose), Orientation.FREE), around=False)
     asked: list[np.ndarray] = []
 
-    def around_it(automatic: Automatic, step: GoTo, here: np.ndarray, T_site_machine: np.ndarray) -> Planned:
-        asked.append(here)
-        (motion,) = plan_joints(session.machine, here, q, Pace())
+    def around_it(automatic: Automatic, step: GoTo, came: np.ndarray, T_site_machine: np.ndarray) -> Planned:
+        asked.append(came[-1])
+        (motion,) = plan_joints(session.machine, came[-1], q, Pace())
         return Planned((Job("back", trajectory=motion.trajectory),), q)
 
     monkeypatch.setattr(Automatic, "begun", lambda *_: Planned((stuck,), q))

@@ -307,11 +307,21 @@ def _result(
         limits=_near(session.limits, places),
         limit_names={limit.id: limit.name for limit in session.limit_set.limits},
         assumptions=run_assumptions(session, travel is not None, switched),
-        warnings=(*session.site.warnings, *session.limit_set.warnings, *session.stand.warnings, *notes, *operator.notes),
+        warnings=(
+            *session.site.warnings,
+            *session.limit_set.warnings,
+            *session.stand.warnings,
+            *notes,
+            *operator.notes,
+        ),
         position=recorder.positions(),
         travel=travel,
         automatic=recorder.automatic(machine, session.true_state[1], session.tick_s),
     )
+
+
+def _warnings(session: Session) -> tuple[str, ...]:
+    return *session.site.warnings, *session.limit_set.warnings, *session.stand.warnings
 
 
 def _near(limits: Sequence[Limit], places: Floats) -> tuple[Limit, ...]:
