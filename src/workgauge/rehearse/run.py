@@ -320,10 +320,6 @@ def _result(
     )
 
 
-def _warnings(session: Session) -> tuple[str, ...]:
-    return *session.site.warnings, *session.limit_set.warnings, *session.stand.warnings
-
-
 def _near(limits: Sequence[Limit], places: Floats) -> tuple[Limit, ...]:
     """Return the limits whose bounding box comes near any of the machine's places (k, 2)."""
 
