@@ -17,12 +17,13 @@ from workgauge.loop.memory import first_memory, restored
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
 from workgauge.machine.parts import Stopping
-from workgauge.motion.follow import Followed, FollowSettings, followed, released
+from workgauge.motion.follow import Followed, followed, released
 from workgauge.motion.job import Job, JobMemory, JobState
 from workgauge.motion.paths.trajectory import Trajectory
 from workgauge.motion.planning import Pace, plan_joints
 from workgauge.motion.predict import InFlight, lateness, steadiest_1_s
 from workgauge.motion.slide import Surround
+from workgauge.motion.wish import FollowSettings
 from workgauge.values.reasons import ReasonCode
 from workgauge.values.tasks import Orientation, ToolGoal
 
@@ -243,7 +244,8 @@ def test_what_falls_behind_is_waited_for_and_then_given_up_with_a_reason():
     late = lateness(machine, DT)
     beyond = float(late.dead_s.max())  # has been commanded when it falls behind, and is not taken back
     behind = next(clock for clock, row in zip(clocks, found.rows, strict=True) if row.facts.error_m >= job.lag_m)
-    assert behind <= clocks[-1] <= behind + beyond + DT and clocks[-1] == clocks[-100] < job.trajectory.duration_s
+    assert behind <= clocks[-1] <= behind + beyond + 0.05 and clocks[-1] < job.trajectory.duration_s
+    assert clocks[-1] == pytest.approx(clocks[-100], abs=1e-6)
     assert found.state is JobState.STUCK and not found.rows[-1].velocity.any()
     reason = found.rows[-1].reasons[-1]
     assert reason.code is ReasonCode.STUCK and "comes no nearer" in reason.text

@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from workgauge.motion.paths.joint_path import JointPath
 from workgauge.motion.paths.path_limits import PathLimits
 from workgauge.motion.paths.rounded import Kept, clashing, rounded
 from workgauge.motion.paths.trajectory import Trajectory
-from workgauge.values.arrays import Floats
+from workgauge.values.arrays import Floats, frozen
 from workgauge.values.errors import InputError
 
 __all__ = ["Trajectory", "default_acceleration", "timed", "timed_joints"]
@@ -32,6 +33,7 @@ _STRETCH = 1.00002
 _ROUNDS = 5
 
 
+@lru_cache(maxsize=16)
 def default_acceleration(machine: MachineModel) -> Floats:
     """Return the joint accelerations (n,) [rad/s^2, m/s^2] that motions are planned with.
 
@@ -41,7 +43,7 @@ def default_acceleration(machine: MachineModel) -> Floats:
     sides = zip(machine.stopping_positive, machine.stopping_negative, strict=True)
     stopping = np.array([min(plus.deceleration, minus.deceleration) for plus, minus in sides])
     ideal = np.minimum(machine.speed_positive, machine.speed_negative) / IDEAL_RAMP_S
-    return np.where(np.isfinite(stopping), ACCELERATION_SHARE * stopping, ideal)
+    return frozen(np.where(np.isfinite(stopping), ACCELERATION_SHARE * stopping, ideal))
 
 
 def timed(
