@@ -102,6 +102,7 @@ def drive(
     share: Callable[[float], float] = lambda _: 1.0,
     settings: FollowSettings | None = None,
     through: Callable[[JobMemory], JobMemory] = lambda memory: memory,
+    guarded: Callable[[np.ndarray], np.ndarray] = lambda velocity: velocity,
 ) -> Drive:
     """Do a job until it is over, or the time is."""
     joints, memory, sent = joints or Joints(machine, q), memory or JobMemory(), np.zeros(machine.n)
@@ -115,7 +116,7 @@ def drive(
             dt_s=DT,
         )
         rows.append(done)
-        memory, sent = done.memory, np.array(done.velocity)
+        memory, sent = done.memory, guarded(np.array(done.velocity))
         if done.facts.state not in MOVING:
             break
         joints.advance(sent)
@@ -251,6 +252,27 @@ def test_what_falls_behind_is_waited_for_and_then_given_up_with_a_reason():
     assert reason.code is ReasonCode.STUCK and "comes no nearer" in reason.text
     idle = FollowSettings().stuck_s
     assert len(found.rows) * DT > idle
+
+
+@pytest.mark.parametrize("name", ["rre20", "brokk5"])
+@pytest.mark.parametrize("most", [0.5, 0.2])
+def test_time_runs_evenly_as_fast_as_what_is_let_through(name: str, most: float) -> None:
+    machine, job = machine_named(name), along(name)
+    peak = max(np.abs(job.trajectory.at(t)[1] / machine.speed_positive).max() for t in np.linspace(0.0, 20.0, 400))
+
+    def capped(velocity: np.ndarray) -> np.ndarray:
+        fast = np.abs(velocity / machine.speed_positive).max() / (most * peak)
+        return velocity / max(fast, 1.0)
+
+    found = drive(machine, job, machine.home, 120.0, guarded=capped)
+    assert found.state is JobState.DONE
+    clocks, rates = (np.array([getattr(row.facts, name) for row in found.rows]) for name in ("clock_s", "rate"))
+    whole = job.trajectory.duration_s
+    assert rates[(clocks > 0.1 * whole) & (clocks < 0.9 * whole)].min() > 0.5 * most
+    assert np.abs(np.diff(rates)).sum() < 5.0  # up, down to what is let through, up, down: it does not swing
+    ramps = 2.0 * FollowSettings().ramp_s + 2.0 * float(lateness(machine, DT).dead_s.max()) + 2.0
+    assert len(found.rows) * DT < whole / most + ramps
+    assert max(row.facts.error_m for row in found.rows) < job.lag_m
 
 
 @pytest.mark.parametrize("make", [along, towards])
