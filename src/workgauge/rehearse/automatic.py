@@ -127,6 +127,12 @@ class Automatic:
         Args:
             came: (m, n) postures it came by, the present one last.
         """
+        try:
+            return self._round(step, came, T_site_machine)
+        except InputError as error:  # a planner that is not installed, a way that cannot be timed
+            return str(error)
+
+    def _round(self, step: GoTo, came: Floats, T_site_machine: Floats) -> Planned | str:
         goal = self._pose(step.goal, step, T_site_machine)
         orientation = self._counts(step, step.goal.rpy_deg is not None)
         near = reaching(self._machine, self._form, inverse(T_site_machine) @ goal, orientation, came[-1])

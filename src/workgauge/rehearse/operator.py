@@ -10,7 +10,7 @@ import numpy as np
 from workgauge.machine.model import MachineModel
 from workgauge.motion.job import Job, JobFacts, JobState
 from workgauge.rehearse.auto_steps import FollowPath, GoTo
-from workgauge.rehearse.automatic import Automatic, AutoStep, in_step
+from workgauge.rehearse.automatic import Automatic, AutoStep
 from workgauge.rehearse.scenario import DriveBack, DriveLine, DriveOut, Hold, MoveLevers, Step, Swing, WaitForTravel
 from workgauge.rehearse.targets import Targets
 from workgauge.values.arrays import Floats, frozen
@@ -205,7 +205,7 @@ class _Automatic:
         self._say = say
         self.words = "go to" if isinstance(step, GoTo) else "follow"
         self._step, self._automatic = step, automatic
-        self._jobs = list(automatic.begun(step, view.q, view.T_site_machine).jobs)
+        self._jobs = self._begun(view)
         self._end_s = view.t_s + step.at_most_s
         self._levers = Levers(right_y=step.pace)
         self._planned = not (isinstance(step, GoTo) and step.plan)
@@ -225,6 +225,14 @@ class _Automatic:
         if not self._jobs or view.t_s >= self._end_s:
             return None
         return Hands(DriveMode.AUTO, self._levers, job=self._jobs[0])
+
+    def _begun(self, view: View) -> list[Job]:
+        """Return the jobs of the step from where the machine stands now; none if it cannot be done from here."""
+        try:
+            return list(self._automatic.begun(self._step, view.q, view.T_site_machine).jobs)
+        except ScenarioError as error:
+            self._say(f"cannot be done from where the machine stands by then, left out: {error}")
+            return []
 
     def _round(self, view: View) -> list[Job]:
         """Return the jobs of a way round, none if there is none or it has been tried."""
@@ -297,11 +305,8 @@ class Operator:
         if isinstance(step, WaitForTravel):
             return _Waiting(step, view)
         if isinstance(step, GoTo | FollowPath):
-            with in_step(self._next + 1):
-                number = self._next + 1
-                return _Automatic(
-                    step, view, self._automatic, lambda said: self.notes.append(f"step {number}: {said}")
-                )
+            number = self._next + 1
+            return _Automatic(step, view, self._automatic, lambda said: self.notes.append(f"step {number}: {said}"))
         if isinstance(step, DriveBack):
             assert self._line is not None, "a scenario has no `back` without a line before it"
             return _Back(step, view, self._line)
