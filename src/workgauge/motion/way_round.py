@@ -14,6 +14,8 @@ from workgauge.values.arrays import Floats
 
 #: Of the way it came, postures that differ by less than this in every joint are one [rad, m].
 SAME = 0.02
+#: A joint that differs by no more than this has not moved [rad, m].
+NOTHING = 1e-6
 #: What it backs out to has this much more room than a plan keeps [m].
 MORE_M = 0.02
 
@@ -110,13 +112,19 @@ def straightened(machine: MachineModel, postures: Floats, kept: Callable[[Floats
 
 
 def groupwise(machine: MachineModel, waypoints: Floats) -> Floats:
-    """Return waypoints (k, n) between which one exclusive group moves at a time, the others waiting at the ends."""
+    """Return waypoints (k, n) between which one exclusive group moves at a time, the others waiting at the ends.
+
+    Joints that are where they were but for `NOTHING` have not moved.
+    """
     groups = machine.exclusive_groups
     if not groups:
         return waypoints
     found = [waypoints[0]]
-    for q in waypoints[1:]:
+    for wanted in waypoints[1:]:
         at = found[-1]
+        q = np.where(np.abs(wanted - at) > NOTHING, wanted, at)
+        if (q == at).all():
+            continue
         moved = [list(group) for group in groups if np.abs(q[list(group)] - at[list(group)]).max() > 0.0]
         for group in moved[:-1]:
             at = at.copy()

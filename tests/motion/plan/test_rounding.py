@@ -18,7 +18,7 @@ from workgauge.motion.plan.global_plan import GlobalPlan, plan_global
 from workgauge.motion.plan.rounding import GIVE_M, passable, roundable
 from workgauge.motion.plan.validity import PROOF_M
 from workgauge.motion.planning import Pace, plan_waypoints
-from workgauge.motion.way_round import straightened
+from workgauge.motion.way_round import groupwise, straightened
 from workgauge.proximity.scene import Scene
 from workgauge.rehearse.cluttered import cluttered
 from workgauge.values.arrays import Floats, frozen
@@ -208,3 +208,35 @@ def test_the_way_back_leaves_out_what_a_proven_line_goes_past_and_nothing_else()
     q[1:, groups[0][0]] += 0.1
     q[2, groups[1][0]] += 0.1
     assert len(straightened(machine("brokk5"), q, lambda a, b: True)) == 3
+
+
+@pytest.mark.parametrize("name", ["rre20", "brokk5"])
+@pytest.mark.parametrize("aside", [0.0, 1e-12, 1e-3])
+def test_a_way_that_turns_back_stops_where_it_does(name: str, aside: float) -> None:
+    machine = load_machine(name)
+    q = np.array([machine.home] * 4)
+    q[1:, 1] += 0.1
+    q[2:, 1] += 0.05  # straight on
+    q[3, 1] -= 0.26
+    q[3, 2 if name == "rre20" else 1] += aside
+    found = timed_joints(q, machine, kept=lambda *_: True)
+    slowest = min(float(np.abs(found.at(t)[1]).max()) for t in np.linspace(0.1, found.duration_s - 0.1, 400))
+    turn = min(np.linspace(0.0, found.duration_s, 4000), key=lambda t: -found.at(t)[0][1])
+    assert found.at(turn)[0][1] == pytest.approx(q[2, 1], abs=1e-4) and slowest < 0.05
+    assert found.at(found.duration_s)[0] == pytest.approx(q[3], abs=1e-9)
+
+
+def test_what_hardly_moved_is_no_motion_of_a_group() -> None:
+    machine = load_machine("brokk5")
+    group, other = (list(one) for one in machine.exclusive_groups)
+    q = np.array([machine.home] * 4)
+    q[1:, group[0]] += 0.1
+    q[1:, other[0]] += 1e-9  # what a simulated joint creeps
+    q[2] = q[1] + 1e-10
+    q[3, group[0]] += 0.2
+    found = groupwise(machine, q)
+    moves = np.abs(np.diff(found, axis=0)) > 0.0
+    assert len(found) == 3 and not moves[:, other].any() and moves[:, group].any(axis=1).all()
+    assert found[-1] == pytest.approx(q[-1], abs=1e-6)
+    q[3, other[0]] += 0.05
+    assert len(groupwise(machine, q)) == 4

@@ -15,6 +15,8 @@ Kept = Callable[[Floats, Floats, Floats], bool]
 
 #: A corner is rounded over this share of what there is room for, the first that may be.
 SHARES = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03)
+#: A corner that turns back so much that less than this share of full speed would be left inside it is none to round.
+TURNS_BACK = 0.2
 #: Slopes that differ by less than this share of full speed make no corner.
 _STRAIGHT = 1e-9
 
@@ -24,8 +26,8 @@ def rounded(q: Floats, machine: MachineModel, kept: Kept | None) -> tuple[JointC
 
     The path variable counts one for the time a line takes at its slowest joint's full speed. A rounded corner leaves
     its two lines equally long before and after it, by that measure, and no more than half of either; joints turn
-    evenly from one line's slope to the other's (a parabola). Between joints that cannot move together a corner stays
-    sharp.
+    evenly from one line's slope to the other's (a parabola). Between joints that cannot move together, and where the
+    way turns back, a corner stays sharp.
 
     Args:
         q: (m, n) postures, no two in a row the same. kept: which corners may be rounded, None for none.
@@ -43,7 +45,8 @@ def rounded(q: Floats, machine: MachineModel, kept: Kept | None) -> tuple[JointC
         if not bends[i - 1]:
             continue
         room = 0.5 * float(min(legs[i - 1], legs[i]))
-        halves = [] if kept is None or alone[i - 1] else [share * room for share in SHARES]
+        sharp = kept is None or alone[i - 1] or _slowest(before, after, machine) < TURNS_BACK
+        halves = [] if sharp else [share * room for share in SHARES]
         for half in halves:
             a, b = q[i] - half * before, q[i] + half * after
             if kept is not None and kept(a, q[i], b):
@@ -55,6 +58,14 @@ def rounded(q: Floats, machine: MachineModel, kept: Kept | None) -> tuple[JointC
             stops.append(at)
     way.to(float(s[-1]), q[-1], slopes[-1], slopes[-1])
     return JointCurve.of(*(np.array(part) for part in (way.s, way.q, way.leaving, way.arriving))), np.array(stops)
+
+
+def _slowest(before: Floats, after: Floats, machine: MachineModel) -> float:
+    """Return the least slope of a rounding between two slopes (n,), in shares of full speed."""
+    a, b = before / machine.speed_positive, after / machine.speed_positive
+    way = b - a
+    half = min(max(-float(a @ way) / float(way @ way), 0.0), 1.0)
+    return float(np.linalg.norm(a + half * way))
 
 
 def clashing(machine: MachineModel, moves: NDArray[np.bool_]) -> NDArray[np.int64]:
