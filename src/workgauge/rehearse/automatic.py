@@ -156,6 +156,14 @@ class Automatic:
             path = ToolPath.spline(places, turns, orientation=orientation)
         else:
             path = ToolPath.polyline(places, turns, orientation=orientation, blend_m=step.blend_mm * 1e-3)
+        least_s = path.length_m / step.speed_m_s
+        if least_s > step.at_most_s:
+            raise ScenarioError(
+                f"the path takes {least_s:.0f} s at least, longer than its step may",
+                element="points",
+                value=f"{path.length_m:.1f} m at {step.speed_m_s:g} m/s",
+                allowed=f"at_most_s of at least {math.ceil(least_s)}, a faster tool, or fewer repeats",
+            )
         *approach, along = plan_path(self._machine, T_site_machine, q, path, _pace(step))
         start = along.trajectory.q[0]
         notes: list[str] = []
@@ -186,7 +194,7 @@ class Automatic:
         else:
             return Planned((self._loop(goal, step),), free[0])
         if not motions:
-            return Planned((), q)
+            return Planned((), q, ("the tool is at its goal already",))
         if self._seen(motions).worst_m >= 0.0 and not self._inside(motions[-1].trajectory.q[-1]):
             return Planned(self._jobs(motions, step), motions[-1].trajectory.q[-1])
         note = f"the straight way is not free ({self._words(self._seen(motions))}): the tool will look for its way"
@@ -263,7 +271,12 @@ class Automatic:
         if step.orientation is None:
             return orientation_of(self._machine) if turned else Orientation.FREE
         if step.orientation is not Orientation.FREE and not turned:
-            raise ScenarioError("an orientation needs rpy_deg", element="orientation", value=step.orientation.value)
+            raise ScenarioError(
+                "an orientation needs rpy_deg",
+                element="orientation",
+                value=step.orientation.value,
+                allowed="free, or rpy_deg beside at_m",
+            )
         return holdable(self._machine, step.orientation, "step")
 
     def _jobs(self, motions: Sequence[Motion], step: AutoStep) -> tuple[Job, ...]:
