@@ -89,20 +89,28 @@ class Automatic:
         self._form = closed_form(machine)
         self._count = itertools.count(1)
 
-    def checked(self, steps: Iterable[Step], q: Floats, T_site_machine: Floats) -> tuple[str, ...]:
-        """Plan every automatic step from where the one before it ends, and return what is to be said beforehand.
+    def planned(self, steps: Iterable[Step], q: Floats, T_site_machine: Floats) -> dict[int, Planned]:
+        """Return what every automatic step comes to, begun where the one before it ends, by its number from 1.
 
         Raises:
             ScenarioError: for the first step that cannot be done, with where and why.
         """
-        notes: list[str] = []
+        found: dict[int, Planned] = {}
         for number, step in enumerate(steps, 1):
             if isinstance(step, GoTo | FollowPath):
                 with in_step(number):
-                    planned = self.begun(step, q, T_site_machine)
-                q = planned.q_end
-                notes += [f"step {number}: {note}" for note in planned.notes]
-        return tuple(notes)
+                    found[number] = self.begun(step, q, T_site_machine)
+                q = found[number].q_end
+        return found
+
+    def checked(self, steps: Iterable[Step], q: Floats, T_site_machine: Floats) -> tuple[str, ...]:
+        """Return what is to be said of the automatic steps beforehand.
+
+        Raises:
+            ScenarioError: as `planned`.
+        """
+        found = self.planned(steps, q, T_site_machine)
+        return tuple(f"step {number}: {note}" for number, planned in found.items() for note in planned.notes)
 
     def begun(self, step: AutoStep, q: Floats, T_site_machine: Floats) -> Planned:
         """Return the jobs of a step that begins at posture q (n,).
