@@ -57,6 +57,7 @@ bench: $(VENV)/.bench
 	$(PY) benchmarks/inverse.py --json
 	$(PY) benchmarks/tracking.py --json
 	$(PY) benchmarks/ballast.py --json
+	$(PY) benchmarks/preview.py --json
 	$(PY) benchmarks/cluttered.py --scenes 20 --json
 
 # Re-resolve the pinned versions. The lock names versions and hashes, never a host.
