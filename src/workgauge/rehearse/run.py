@@ -28,10 +28,12 @@ from workgauge.rehearse.scenario import (
     TravelStep,
 )
 from workgauge.rehearse.scenario_file import LoadedScenario
-from workgauge.rehearse.session import SUBSTEPS, Session
+from workgauge.rehearse.session import Session
+from workgauge.rehearse.setting import INTENT_AGE_S
 from workgauge.rehearse.step_result import StepResult
 from workgauge.rehearse.targets import Targets, solid_points
 from workgauge.rehearse.travelling import Driver
+from workgauge.rehearse.true_machine import SUBSTEPS
 from workgauge.rehearse.words import run_assumptions, run_facts
 from workgauge.values.arrays import Floats
 from workgauge.values.errors import ScenarioError
@@ -94,7 +96,7 @@ def open_session(
     *,
     guard: Guard | None = None,
     machine: MachineModel | None = None,
-    intent_age_s: float = 0.2,
+    intent_age_s: float = INTENT_AGE_S,
 ) -> Session:
     """Return the session a scenario describes.
 
@@ -313,7 +315,13 @@ def _result(
         limits=_near(session.limits, places),
         limit_names={limit.id: limit.name for limit in session.limit_set.limits},
         assumptions=run_assumptions(session, travel is not None, switched),
-        warnings=(*session.site.warnings, *session.limit_set.warnings, *session.stand.warnings, *notes),
+        warnings=(
+            *session.site.warnings,
+            *session.limit_set.warnings,
+            *session.stand.warnings,
+            *notes,
+            *operator.notes,
+        ),
         position=recorder.positions(),
         travel=travel,
         automatic=recorder.automatic(machine, session.true_state[1], session.tick_s),
