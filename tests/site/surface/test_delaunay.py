@@ -10,7 +10,6 @@ from workgauge.site.surface.delaunay import triangulated
 from workgauge.site.surface.tin import Tin
 from workgauge.values.errors import SiteError
 
-
 FAR = np.array([2e7, 6e6, 0.0])
 
 

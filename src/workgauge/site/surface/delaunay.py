@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -37,8 +38,8 @@ def triangulated(
 ) -> Triangulated:
     """Return Delaunay's triangles of points, with every break line along edges.
 
-    Points at one place in plan count once, with the highest of their heights. Break lines are cut where they cross and
-    where points lie on them; where two cross at different heights, the first given has it. Edges of break lines are
+    Points at one place in plan count once, with the highest of their heights. Break lines are cut where they cross
+    and where points lie on them; where two cross at different heights, the first given has it. Edges of break lines are
     brought in by flipping (Sloan 1993), the other edges then flipped to Delaunay's condition again.
 
     Args:
@@ -129,7 +130,7 @@ def _noded(parts: list[Floats], warnings: list[str]) -> tuple[Floats, list[tuple
     if doubled:
         warnings.append(f"{doubled} points repeat others in plan and count once")
     nodes = np.column_stack([every[first, :2], top])
-    tree = shapely.STRtree(list(np.atleast_1d(shapely.points(nodes[:, :2]))))
+    tree = shapely.STRtree([shapely.Point(*place) for place in nodes[:, :2].tolist()])
     edges: list[tuple[int, int]] = []
     begin = len(parts[0])
     for part in parts[1:]:
@@ -149,7 +150,7 @@ def _threaded(nodes: Floats, tree: shapely.STRtree, a: int, b: int) -> list[tupl
     order = np.argsort((nodes[on, :2] - start) @ d, kind="stable")
     inner = [int(k) for k in on[order] if k not in (a, b)]
     chain = [a, *inner, b]
-    return list(zip(chain[:-1], chain[1:], strict=True))
+    return list(pairwise(chain))
 
 
 def _crossings(lines: list[Floats], warnings: list[str]) -> Floats:
@@ -158,8 +159,7 @@ def _crossings(lines: list[Floats], warnings: list[str]) -> Floats:
     ends = np.concatenate([np.empty((0, 3)), *(line[1:] for line in lines)])
     if not len(starts):
         return np.empty((0, 3))
-    legs = np.atleast_1d(shapely.linestrings(np.stack([starts[:, :2], ends[:, :2]], axis=1)))
-    tree = shapely.STRtree(list(legs))
+    tree = shapely.STRtree([shapely.LineString(leg) for leg in np.stack([starts[:, :2], ends[:, :2]], axis=1)])
     one, other = tree.query(tree.geometries)
     one, other = one[one < other], other[one < other]
     d, f, gap = ends[one] - starts[one], ends[other] - starts[other], starts[other] - starts[one]
