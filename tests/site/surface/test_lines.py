@@ -1,5 +1,6 @@
 """Lines in plan: side by side, as a fan, beside an alignment, and what lies within reach."""
 
+import itertools
 import math
 
 import numpy as np
@@ -53,11 +54,11 @@ def test_within_a_ring_is_what_samples_say(seed):
     parts = within_ring(line, centre, near, far)
     for part in parts:
         t = np.linspace(1e-6, 1 - 1e-6, 200)
-        dense = np.concatenate([a + np.outer(t, b - a) for a, b in zip(part[:-1], part[1:], strict=True)])
+        dense = np.concatenate([a + np.outer(t, b - a) for a, b in itertools.pairwise(part)])
         r = np.linalg.norm(dense - centre, axis=1)
         assert r.min() >= near - 1e-6 and r.max() <= far + 1e-6
     t = np.linspace(0, 1, 2001)
-    dense = np.concatenate([a + np.outer(t, b - a) for a, b in zip(line[:-1], line[1:], strict=True)])
+    dense = np.concatenate([a + np.outer(t, b - a) for a, b in itertools.pairwise(line)])
     inside = np.abs(np.linalg.norm(dense - centre, axis=1) - 4.5) <= 2.5
     step = np.repeat(np.linalg.norm(np.diff(line, axis=0), axis=1) / 2000, 2001)
     length = sum(float(np.linalg.norm(np.diff(part, axis=0), axis=1).sum()) for part in parts)

@@ -61,7 +61,7 @@ def edge_points(T: Floats, width_m: float, spacing_m: float = ACROSS_M) -> Float
 
 
 def above(tin: Tin, points: Floats, origin: Floats) -> Floats:
-    """Return how far points (..., 3), less an origin (3,), are above a surface, upright [m]; NaN where there is none."""
+    """Return how far points (..., 3), less an origin (3,), are above a surface, upright [m]; NaN where none is."""
     flat = points.reshape(-1, 3)
     gap: Floats = flat[:, 2] + origin[2] - tin.heights(flat[:, :2] + origin[:2])
     return gap.reshape(points.shape[:-1])

@@ -1,5 +1,6 @@
 """The edge's path on a surface: position and orientation, blended over the edges crossed, never too deep."""
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 
@@ -102,7 +103,7 @@ def surface_path(
     made = SurfacePath(path, part, bucket, offset_m, 0.0, 0.0, 0.0, 0.0, turned)
     if blend.over_dig_m is not None:
         made = _lifted(tin, made, points, frames, blend, origin)
-    s, T = made.poses(0.5 * LOOKED_M)
+    _s, T = made.poses(0.5 * LOOKED_M)
     gap = above(tin, edge_points(T, bucket.width_m), origin)
     known = np.isfinite(gap)
     off = np.abs(gap[known] - offset_m).max(initial=0.0)
@@ -127,7 +128,7 @@ def _corners(tin: Tin, part: LaidPart, bucket: Bucket, origin: Floats) -> tuple[
         raise InputError("too short for a bucket's way", element="line", value=f"{part.length_m:.4f} m")
     ends = points[keep]
     # between two corners kept, the triangle with the longest share of the leg
-    owner = [a + int(np.argmax(steps[a:b])) for a, b in zip(keep[:-1], keep[1:], strict=True)]
+    owner = [a + int(np.argmax(steps[a:b])) for a, b in itertools.pairwise(keep)]
     normals = tin.normals[part.faces[owner]]
     directions = np.diff(ends, axis=0)
     frames = edge_frames(normals, directions, bucket.cutting_rad)

@@ -1,5 +1,6 @@
 """Lines in plan for a bucket to be drawn along: side by side, as a fan, along an alignment."""
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -82,7 +83,7 @@ def beside(alignment: Alignment, offset_m: float, begin_m: float, end_m: float) 
         np.concatenate([[low, high], alignment.breaks[(alignment.breaks > low) & (alignment.breaks < high)]])
     )
     places = [marks[:1]]
-    for a, b in zip(marks[:-1], marks[1:], strict=True):
+    for a, b in itertools.pairwise(marks):
         bend = np.abs(alignment.at(np.linspace(a + 1e-6 * (b - a), b - 1e-6 * (b - a), 9)).curvature)
         stretch = 1.0 + abs(offset_m) * float(bend.max())  # the line beside a bend is as much longer, or sharper
         chord = math.sqrt(8.0 * CHORD_M / max(float(bend.max()) * stretch, 1e-9))
@@ -97,7 +98,7 @@ def within_ring(line: ArrayLike, centre: ArrayLike, nearest_m: float, farthest_m
     plan = np.asarray(line, dtype=np.float64).reshape(-1, 2) - np.asarray(centre, dtype=np.float64)[:2]
     found: list[list[Floats]] = []
     open_ = False
-    for a, b in zip(plan[:-1], plan[1:], strict=True):
+    for a, b in itertools.pairwise(plan):
         d = b - a
         square = float(d @ d)
         if square == 0.0:
@@ -109,7 +110,7 @@ def within_ring(line: ArrayLike, centre: ArrayLike, nearest_m: float, farthest_m
             if root > 0.0:
                 cuts |= {t for t in (-half - math.sqrt(root), -half + math.sqrt(root)) if 0.0 < t < 1.0}
         marks = sorted(cuts)
-        for low, high in zip(marks[:-1], marks[1:], strict=True):
+        for low, high in itertools.pairwise(marks):
             inside = nearest_m <= float(np.linalg.norm(a + 0.5 * (low + high) * d)) <= farthest_m
             if inside:
                 if not open_:
