@@ -158,7 +158,7 @@ def test_a_hole_under_the_way_ends_it_and_is_said(ground):
 def test_passes_go_down_to_the_surface(ground):
     tin, part = plane_line(ground)
     made = surface_path(tin, part, Bucket(), Blend(), ORIGIN)
-    heap = Tin(tin.vertices + [0, 0, 0.35], tin.faces)
+    heap = Tin(tin.vertices + np.array([0, 0, 0.35]), tin.faces)
     assert passes(heap, made, 0.1, ORIGIN) == pytest.approx([0.3, 0.2, 0.1, 0.0])
     assert passes(heap, made, 0.35, ORIGIN) == pytest.approx([0.0])
     assert passes(None, made, 0.1, ORIGIN) == [0.0] == passes(heap, made, None, ORIGIN)

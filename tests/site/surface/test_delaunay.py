@@ -1,4 +1,4 @@
-"""Delaunay's triangles and break lines: every break line is made of edges, the area is the hull's, heights are kept."""
+"""Delaunay's triangles and break lines: every break line is made of edges, the area is the hull's."""
 
 import numpy as np
 import pytest

@@ -140,7 +140,7 @@ def _corners(tin: Tin, part: LaidPart, bucket: Bucket, origin: Floats) -> tuple[
 
 
 def _blended(points: Floats, frames: Floats, blend: Blend) -> tuple[ToolPath, float]:
-    """Return the path through corners (k, 3) with rotations (k - 1, 3, 3) between, and the most it is turned by [rad]."""
+    """Return the path through corners (k, 3) with rotations (k - 1, 3, 3) between; the most it turns [rad]."""
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
     places, turns = [points[0]], [frames[0]]
     most = 0.0

@@ -45,7 +45,7 @@ def swing_axis(machine: MachineModel, T_site_machine: Floats) -> Floats:
 
 
 def default_reach(machine: MachineModel) -> tuple[float, float]:
-    """Return from where to where lines run by default: clear of the undercarriage, and as far as the tool comes [m]."""
+    """Return from where to where lines run by default: clear of the undercarriage, as far as the tool comes [m]."""
     solids = [s for s in machine.solids if s.link == 0]
     front = max((float(s.T_link_box[0, 3] + s.half_extents[0]) for s in solids), default=1.0)
     centre = arm_plane(machine).centre

@@ -39,8 +39,8 @@ def triangulated(
     """Return Delaunay's triangles of points, with every break line along edges.
 
     Points at one place in plan count once, with the highest of their heights. Break lines are cut where they cross
-    and where points lie on them; where two cross at different heights, the first given has it. Edges of break lines are
-    brought in by flipping (Sloan 1993), the other edges then flipped to Delaunay's condition again.
+    and where points lie on them; where two cross at different heights, the first given has it. Edges of break lines
+    are brought in by flipping (Sloan 1993), the other edges then flipped to Delaunay's condition again.
 
     Args:
         points: (k, 3) absolute east, north, height [m].
