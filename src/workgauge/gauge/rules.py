@@ -166,10 +166,15 @@ class TubeBlock(LimitBlock):
 
 
 class SurfaceBlock(LimitBlock):
-    """A one-sided surface; the machine keeps above it, or below it for a ceiling."""
+    """A one-sided surface; the machine keeps above it, or below it for a ceiling.
+
+    `lowered_m`: the limit lies so far below the feature, as where a tool works on a design surface: its tolerance, and
+    what the tool's box reaches beyond its edge. A ceiling is raised by as much.
+    """
 
     make: Literal["surface"]
     keep: Literal["above", "below"] = "above"
+    lowered_m: Length = 0.0
 
 
 Make: TypeAlias = Annotated[

@@ -9,7 +9,7 @@ import numpy as np
 
 from workgauge.machine.model import MachineModel
 from workgauge.motion.job import Job, JobFacts, JobState
-from workgauge.rehearse.auto_steps import FollowPath, GoTo
+from workgauge.rehearse.auto_steps import GoTo
 from workgauge.rehearse.automatic import Automatic, AutoStep, in_step
 from workgauge.rehearse.scenario import DriveBack, DriveLine, DriveOut, Hold, MoveLevers, Step, Swing, WaitForTravel
 from workgauge.rehearse.targets import Targets
@@ -202,7 +202,7 @@ class _Automatic:
     """Let the program do the jobs of a step, one after the other; where it is stuck, look for a way round once."""
 
     def __init__(self, step: AutoStep, view: View, automatic: Automatic) -> None:
-        self.words = "go to" if isinstance(step, GoTo) else "follow"
+        self.words = {"go_to": "go to"}.get(step.do, step.do)
         self._step, self._automatic = step, automatic
         self._jobs = list(automatic.begun(step, view.q, view.T_site_machine).jobs)
         self._end_s = view.t_s + step.at_most_s
@@ -291,7 +291,7 @@ class Operator:
             return _Timed("way out", view, step.for_s, Hands(DriveMode.EXIT, Levers(right_y=step.lever)))
         if isinstance(step, WaitForTravel):
             return _Waiting(step, view)
-        if isinstance(step, GoTo | FollowPath):
+        if isinstance(step, AutoStep):
             with in_step(self._next + 1):
                 return _Automatic(step, view, self._automatic)
         if isinstance(step, DriveBack):

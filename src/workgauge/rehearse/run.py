@@ -145,7 +145,7 @@ def planned_drive(session: Session, steps: Sequence[Step]) -> Plans:
     Raises:
         ScenarioError: for the first step that cannot be done, with where and why.
     """
-    automatic = Automatic(session.machine, session.frame, session.surroundings, session.limit_names)
+    automatic = Automatic(session.machine, session.frame, session.surroundings, session.limit_names, session.site)
     return automatic, automatic.checked(steps, *session.true_state)
 
 
