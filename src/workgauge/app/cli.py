@@ -14,6 +14,7 @@ from workgauge.app.identify_command import identify_command
 from workgauge.app.limits_command import limits_command
 from workgauge.app.measure_up_command import measure_up_command
 from workgauge.app.output import SeveralFiles
+from workgauge.app.path_command import path_command
 from workgauge.app.pose_command import pose_command
 from workgauge.app.replay_command import replay_command
 from workgauge.app.run_command import run_command
@@ -71,6 +72,7 @@ app.command("site")(site_command)
 app.command("at")(at_command)
 app.command("limits")(limits_command)
 app.command("pose")(pose_command)
+app.command("path")(path_command)
 app.command("run", cls=SeveralFiles)(run_command)
 app.command("check", cls=SeveralFiles)(check_command)
 app.command("measure-up")(measure_up_command)

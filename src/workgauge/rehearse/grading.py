@@ -46,15 +46,15 @@ class Lines:
     @classmethod
     def of(cls, step: GradeSurface) -> "Lines":
         """Return those of a step."""
-        reach = {"near_m": step.near_m, "far_m": step.far_m}
+        near, far = step.near_m, step.far_m
         if step.side_by_side is not None:
-            return cls(count=step.side_by_side.count, spacing_m=step.side_by_side.spacing_m, **reach)
+            return cls(count=step.side_by_side.count, spacing_m=step.side_by_side.spacing_m, near_m=near, far_m=far)
         if step.fan is not None:
             yaws = np.radians(np.linspace(step.fan.from_deg, step.fan.to_deg, step.fan.count))
-            return cls(yaws=tuple(yaws.tolist()), **reach)
+            return cls(yaws=tuple(yaws.tolist()), near_m=near, far_m=far)
         if step.along is not None:
-            return cls(alignment=step.along.alignment, offset_m=step.along.offset_m, **reach)
-        return cls(polyline=np.array(step.polyline_en_m, dtype=np.float64), **reach)
+            return cls(alignment=step.along.alignment, offset_m=step.along.offset_m, near_m=near, far_m=far)
+        return cls(polyline=np.array(step.polyline_en_m, dtype=np.float64), near_m=near, far_m=far)
 
     def in_plan(self, site: SiteModel, machine: MachineModel, T_absolute_machine: Floats) -> list[Floats]:
         """Return the lines (p, 2 each), absolute [m], as far as the machine may reach them.

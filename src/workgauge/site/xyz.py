@@ -97,8 +97,8 @@ def _points(path: Path) -> tuple[Floats, list[str]]:
     return np.array(rows), said
 
 
-def _numbers(line: str) -> list[float] | None:
-    """Return the finite numbers a line begins with, None if they are fewer than three."""
+def _numbers(line: str, least: int = 3) -> list[float] | None:
+    """Return the finite numbers a line begins with, None if they are fewer than the least."""
     found: list[float] = []
     for part in _APART.split(line.strip()):
         try:
@@ -108,4 +108,32 @@ def _numbers(line: str) -> list[float] | None:
         if not np.isfinite(value):
             return None
         found.append(value)
-    return found if len(found) >= 3 else None
+    return found if len(found) >= least else None
+
+
+def read_places(path: Path) -> Floats:
+    """Return the places (p, 2) east, north [m] of a line given as text, one a line; more numbers are left aside.
+
+    Raises:
+        SiteError: the file cannot be read, a line is no place, or there are fewer than two.
+    """
+    try:
+        text = path.read_bytes().decode("utf-8-sig", errors="replace")
+    except OSError as error:
+        raise SiteError(f"cannot be read: {error.strerror or error}", file=path) from error
+    rows: list[tuple[float, float]] = []
+    for number, line in enumerate(text.splitlines(), 1):
+        stripped = line.strip()
+        if not stripped or stripped.startswith(_COMMENT):
+            continue
+        found = _numbers(stripped, 2)
+        if found is None or max(map(abs, found[:2])) > LARGEST_M:
+            if not rows and number == 1:
+                continue  # a heading
+            raise SiteError("is no place", file=path, line=number, value=stripped, allowed="east north")
+        rows.append((found[0], found[1]))
+    if len(rows) < 2:
+        raise SiteError(
+            "is no line", file=path, value=f"{len(rows)} places", allowed="two or more, east north a line"
+        )
+    return np.array(rows)

@@ -138,7 +138,7 @@ def test_lines_are_cut_to_what_is_reached_and_it_is_said(ground):
         assert way.error is not None and way.error.corner_m < 1e-3
         assert way.part.points[0, 0] > way.part.points[-1, 0]
     gone, said = ways(tin, side_by_side([0, 0], 0.0, 12.0, 15.0, 1), machine, HERE, ORIGIN, Bucket(), Blend())
-    assert gone[0].joints is None and "out of reach" in said[0]
+    assert gone[0].joints is None and "not reached" in said[0]
     none, said = ways(tin, side_by_side([100, 0], 0.0, 4.0, 7.0, 1), machine, HERE, ORIGIN, Bucket(), Blend())
     assert none == [] and said == ["line 1: no surface under it"]
 

@@ -22,7 +22,8 @@ from workgauge.values.transforms import inverse
 EVERY_M, SHORTEST_M = 0.1, 0.3
 #: From where joints cannot go on, so much is taken off [m].
 BACK_M = 0.02
-_TRIES = 6
+#: A bucket's way keeps joints this far from their ends: nearer the end cushion slows them, and the edge falls behind.
+CLEAR_RAD, CLEAR_M = np.radians(4.0), 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,6 +114,19 @@ def followed_from(
         if found.distance_m >= farthest:
             farthest, why = found.distance_m, str(found)
     return None, farthest, why
+
+
+def clear_of_ends(machine: MachineModel, found: JointPath) -> tuple[float, float]:
+    """Return a joint path without its beginning and end where joints are near their ends, (from, to) [m].
+
+    In between they may be: there the way is slower.
+    """
+    margin = np.where(machine.prismatic, CLEAR_M, CLEAR_RAD)
+    s = np.linspace(0.0, found.length_m, max(2, int(np.ceil(found.length_m / BACK_M)) + 1))
+    q = found.curve.at(s)[0]
+    clear = ((q >= machine.q_min + margin) & (q <= machine.q_max - margin)).all(axis=1)
+    inside = np.flatnonzero(clear)
+    return (float(s[inside[0]]), float(s[inside[-1]])) if len(inside) else (0.0, 0.0)
 
 
 def cut_to(part: LaidPart, begin_m: float, end_m: float) -> LaidPart:

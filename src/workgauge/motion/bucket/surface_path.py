@@ -20,6 +20,8 @@ SHORTEST_LEG_M = 5e-3
 SAME_RAD = 1e-6
 #: The edge is held against the surface this often along its way [m].
 LOOKED_M = 0.02
+#: A way is lifted, and let down again, over this [m].
+RAMP_M = 0.3
 #: Lifted stretches are followed to this [m].
 _LIFT_M = 5e-4
 _ROUNDS = 4
@@ -192,6 +194,16 @@ def _raised(knots: Floats, raised: Floats, s: Floats, need: Floats) -> tuple[Flo
     wanted = np.interp(s, knots, raised) + need
     # a point is held up by what its neighbours need as well: the rounding between knots cuts corners
     wide = np.maximum(wanted, np.maximum(np.append(wanted[1:], 0.0), np.insert(wanted[:-1], 0, 0.0)))
+    # where the lift begins and ends there are knots too, so that it does not reach along a whole leg
+    needed = np.concatenate([[False], wide > np.interp(s, knots, raised) + 1e-9, [False]])
+    begins = np.flatnonzero(needed[1:] & ~needed[:-1])
+    ends = np.flatnonzero(needed[:-1] & ~needed[1:]) - 1
+    marks = np.concatenate([s[begins] - RAMP_M, s[ends] + RAMP_M])
+    marks = marks[[bool(0.0 < at < s[-1] and np.abs(knots - at).min() > SHORTEST_LEG_M) for at in marks]]
+    places = np.unique(np.concatenate([knots, marks]))
+    places = places[np.concatenate([[True], np.diff(places) > SHORTEST_LEG_M])]
+    places[-1] = knots[-1]
+    raised, knots = np.interp(places, knots, raised), places
     heights = np.maximum(np.interp(knots, s, wide), raised)
     for _ in range(len(s)):
         short = wide - np.interp(s, knots, heights)

@@ -7,7 +7,16 @@ import numpy as np
 
 from workgauge.machine.model import MachineModel
 from workgauge.motion.bucket.edge import Bucket
-from workgauge.motion.bucket.reach import BACK_M, SHORTEST_M, EdgeError, cut_to, edge_error, followed_from, reached
+from workgauge.motion.bucket.reach import (
+    BACK_M,
+    SHORTEST_M,
+    EdgeError,
+    clear_of_ends,
+    cut_to,
+    edge_error,
+    followed_from,
+    reached,
+)
 from workgauge.motion.bucket.surface_path import Blend, SurfacePath, surface_path
 from workgauge.motion.ik.task import arm_plane, sample_postures
 from workgauge.motion.paths.joint_path import JointPath
@@ -17,6 +26,7 @@ from workgauge.values.arrays import Floats
 from workgauge.values.errors import InputError
 from workgauge.values.transforms import apply
 
+#: A way is shortened so often until the joints follow it.
 _TRIES = 6
 
 
@@ -124,7 +134,7 @@ def _of_part(
             ways_found.append(way)
     if not ways_found:
         _, _, why = followed_from(machine, whole.path, T_site_machine, machine.home)
-        said.append(f"line {number}: out of reach: {why}")
+        said.append(f"line {number}: not reached: {why}")
         return [Way(number, part, whole, None, None, why or "out of reach")]
     left = part.length_m - sum(way.part.length_m for way in ways_found)
     if left > 0.05:
@@ -161,7 +171,13 @@ def _fitted(
         made = whole if cut is part else surface_path(tin, cut, whole.bucket, blend, origin)
         joints, came, _ = followed_from(machine, made.path, T_site_machine, machine.home)
         if joints is not None:
-            return Way(number, cut, made, joints, edge_error(machine, joints, whole.bucket.width_m))
+            low, high = clear_of_ends(machine, joints)
+            length = joints.length_m
+            if high - low >= length - 1e-6:
+                return Way(number, cut, made, joints, edge_error(machine, joints, whole.bucket.width_m))
+            scale = (end - begin) / length
+            begin, end = begin + low * scale, begin + high * scale
+            continue
         if came < BACK_M:
             begin += 2.5 * BACK_M
         else:
