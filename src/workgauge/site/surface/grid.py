@@ -8,7 +8,8 @@ from workgauge.values.arrays import Floats, Ints
 
 #: No more entries than this for each triangle; else cells are made larger.
 _ENTRIES = 12
-_MOST_CELLS = 1 << 26
+#: No more cells than this for each triangle.
+_CELLS = 16
 _ROUND_M = 1e-6
 
 
@@ -29,12 +30,14 @@ class PlanGrid:
 
     @classmethod
     def of(cls, boxes: Floats) -> "PlanGrid":
-        """Return the grid of boxes (m, 4): lowest x, lowest y, highest x, highest y [m]; about a cell for each."""
+        """Return the grid of boxes (m, 4): lowest x, lowest y, highest x, highest y [m]."""
         if not len(boxes):
             return cls(np.zeros(2), 1.0, (1, 1), np.zeros(2, dtype=np.int64), np.zeros(0, dtype=np.int64))
         low = boxes[:, :2].min(axis=0) - _ROUND_M
         size = boxes[:, 2:].max(axis=0) + _ROUND_M - low
-        cell = max(float(np.sqrt(size.prod() / len(boxes))), float(size.max()) / _MOST_CELLS**0.5)
+        sides = np.sqrt(np.maximum((boxes[:, 2:] - boxes[:, :2]).prod(axis=1), _ROUND_M**2))
+        # as large as triangles are in the middle: most of a box may be empty, and triangles small in one part of it
+        cell = max(0.5 * float(np.median(sides)), float(np.sqrt(size.prod() / (_CELLS * len(boxes) + 1000))))
         while True:
             first = ((boxes[:, :2] - _ROUND_M - low) // cell).astype(np.int64)
             last = ((boxes[:, 2:] + _ROUND_M - low) // cell).astype(np.int64)
@@ -53,14 +56,6 @@ class PlanGrid:
         starts = np.zeros(columns * rows + 1, dtype=np.int64)
         np.cumsum(np.bincount(flat, minlength=columns * rows), out=starts[1:])
         return cls(low, cell, (columns, rows), starts, face[order])
-
-    def near_points(self, points: Floats) -> tuple[Ints, Ints]:
-        """Return pairs (point, triangle) of points (k, 2) and triangles whose boxes may hold them, by point."""
-        place = (points - self.low) / self.cell
-        inside = ((place >= 0.0) & (place < self.shape)).all(axis=1)  # NaN is not inside
-        point = np.flatnonzero(inside)
-        cells = place[point].astype(np.int64)
-        return self._listed(cells[:, 0] * self.shape[1] + cells[:, 1], point)
 
     def near_line(self, start: Floats, end: Floats) -> Ints:
         """Return the triangles (k,), ascending, whose boxes may touch the straight line between two points (2,)."""
@@ -83,12 +78,13 @@ class PlanGrid:
         count = np.maximum(y1 - y0 + 1, 0)
         column = np.repeat(x, count)
         row = np.repeat(y0, count) + _counted(count)
-        return np.unique(self._listed(column * rows + row, column)[1])
+        return np.unique(self._listed(column * rows + row))
 
-    def _listed(self, cells: Ints, owner: Ints) -> tuple[Ints, Ints]:
-        """Return the triangles of cells (k,), and for each the owner (k,) of its cell."""
+    def _listed(self, cells: Ints) -> Ints:
+        """Return the triangles of cells (k,), those of several as often."""
         count = self.starts[cells + 1] - self.starts[cells]
-        return np.repeat(owner, count), self.entries[np.repeat(self.starts[cells], count) + _counted(count)]
+        found: Ints = self.entries[np.repeat(self.starts[cells], count) + _counted(count)]
+        return found
 
 
 def _counted(count: Ints) -> Ints:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from workgauge.site.model import SurfaceModel
 from workgauge.site.surface.findings import Findings, findings
 from workgauge.site.surface.grid import PlanGrid
+from workgauge.site.surface.kernel import topmost
 from workgauge.site.surface.winding import SLIVER_M
 from workgauge.values.arrays import Floats, Ints, freeze
 from workgauge.values.errors import SiteError
@@ -18,7 +19,6 @@ from workgauge.values.errors import SiteError
 EDGE_M = 1e-7
 #: Origins are whole multiples of this [m].
 _ORIGIN_STEP_M = 100.0
-_BLOCK = 1 << 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,11 +71,7 @@ class Tin:
         longest = np.sqrt((sides**2).sum(axis=2).max(axis=0))
         area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
         self.level = np.abs(area) > SLIVER_M * longest
-        self._area = np.where(self.level, area, 1.0)
-        self._foot, self._u, self._v = corners[:, 0].copy(), u, v
-        self._slack = np.zeros(len(area))
-        # sides as shares of the height over the longest: a point EDGE_M outside any side still is on the triangle
-        self._slack[self.level] = EDGE_M * longest[self.level] / np.abs(area[self.level])
+        self._packed = _packed(corners, u, v, np.where(self.level, area, np.nan), longest)
         for array in (self.vertices, self.faces, self.origin, self.local, self.normals, self.level):
             freeze(array)
 
@@ -120,15 +116,14 @@ class Tin:
         Heights are those of the triangle's plane, `z = -(w_x x + w_y y - w·N1)/w_z` (Makkonen 13, 14), on the edge
         itself where a point is a hair outside.
         """
-        points = np.asarray(en, dtype=np.float64).reshape(-1, 2) - self.origin[:2]
-        z, face = np.full(len(points), -np.inf), np.full(len(points), -1, dtype=np.int64)
-        for first in range(0, len(points), _BLOCK):
-            part = slice(first, first + _BLOCK)
-            self._within(points[part], z[part], face[part])
+        points = np.ascontiguousarray(np.asarray(en, dtype=np.float64).reshape(-1, 2) - self.origin[:2])
+        z, face = np.empty(len(points)), np.empty(len(points), dtype=np.int64)
+        grid = self.grid
+        topmost(points, grid.low, grid.cell, *grid.shape, grid.starts, grid.entries, self._packed, z, face)
         found = face >= 0
         normal = np.full((len(points), 3), np.nan)
         normal[found] = self.normals[face[found]]
-        z = np.where(found, z + self.origin[2], np.nan)
+        z += self.origin[2]
         for array in (z, normal, face):
             freeze(array)
         return OnSurface(z, normal, face)
@@ -137,18 +132,15 @@ class Tin:
         """Return the heights (k,) alone."""
         return self.at(en).z
 
-    def _within(self, points: Floats, z: Floats, face: Ints) -> None:
-        """Write heights (k,) less the origin's, and triangles (k,), of points (k, 2) less the origin."""
-        point, near = self.grid.near_points(points)
-        gap = points[point] - self._foot[near, :2]
-        u, v, area, slack = self._u[near], self._v[near], self._area[near], -self._slack[near]
-        s = (gap[:, 0] * v[:, 1] - gap[:, 1] * v[:, 0]) / area
-        t = (u[:, 0] * gap[:, 1] - u[:, 1] * gap[:, 0]) / area
-        on = (s >= slack) & (t >= slack) & (1.0 - s - t >= slack) & self.level[near]
-        point, near = point[on], near[on]
-        share = np.maximum(np.stack([s[on], t[on], 1.0 - s[on] - t[on]]), 0.0)
-        share /= share.sum(axis=0)
-        found = self._foot[near, 2] + share[0] * self._u[near, 2] + share[1] * self._v[near, 2]
-        np.maximum.at(z, point, found)
-        top = np.flatnonzero(found == z[point])[::-1]
-        face[point[top]] = near[top]
+
+def _packed(corners: Floats, u: Floats, v: Floats, area: Floats, longest: Floats) -> Floats:
+    """Return what the search needs of each triangle (m, 10), see `kernel.topmost`.
+
+    A share is the distance from a side over the height above it: a point `EDGE_M` outside any side still is on the
+    triangle.
+    """
+    slack = np.where(np.isnan(area), np.inf, -EDGE_M * longest / np.abs(area))
+    with np.errstate(invalid="ignore"):
+        shares = [v[:, 1] / area, -v[:, 0] / area, -u[:, 1] / area, u[:, 0] / area]
+    rows = np.column_stack([corners[:, 0], *shares, u[:, 2], v[:, 2], slack])
+    return np.ascontiguousarray(np.where(np.isnan(rows), 0.0, rows))
