@@ -1,9 +1,9 @@
-"""Heights at plan points of a surface beside the pre-selection by distance of Makkonen (4, 5): one JSON object with `--json`.
+"""Heights at plan points of a surface beside Makkonen's search by distance (4, 5): one JSON object with `--json`.
 
-Both are given the same random points on the same triangles, in one run, one core. The pre-selection is vectorised over
-all triangles for each point, as its page has it: distances from the origin between a triangle's least and greatest, then
-barycentric coordinates of those left. It is given heights it would not have, and a site's own origin near by, which is
-what its selection lives of. Points it rejects wrongly (interior points nearer than all corners) are counted.
+Both are given the same random points on the same triangles, in one run, one core. The search is vectorised over
+all triangles for each point, as its page has it: distances from the origin between a triangle's least and greatest,
+then barycentric coordinates of those left. It is given heights it would not have, and a site's own origin near by,
+which is what its selection lives of. Points it rejects wrongly (nearer than all corners) are counted.
 
 Then a grid surface of growing size, up to a million triangles.
 """
@@ -110,7 +110,7 @@ def grown(side: int) -> dict[str, float]:
     each = (time.process_time() - began) / POINTS
     began = time.process_time()
     for point in points[:100]:
-        laid(tin, [point, point + [12.0, 16.0]])
+        laid(tin, [point, point + np.array([12.0, 16.0])])
     line = (time.process_time() - began) / 100
     return {
         "triangles": len(tin),

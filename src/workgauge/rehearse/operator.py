@@ -9,7 +9,7 @@ import numpy as np
 
 from workgauge.machine.model import MachineModel
 from workgauge.motion.job import Job, JobFacts, JobState
-from workgauge.rehearse.auto_steps import GoTo
+from workgauge.rehearse.auto_steps import GoTo, GradeSurface
 from workgauge.rehearse.automatic import Automatic, AutoStep, in_step
 from workgauge.rehearse.scenario import DriveBack, DriveLine, DriveOut, Hold, MoveLevers, Step, Swing, WaitForTravel
 from workgauge.rehearse.targets import Targets
@@ -50,6 +50,7 @@ class View:
 
     `tool_speed`: over the machine; a tool that is carried along stands still [m/s].
     `ready`: whether the program knows where the machine is; until then the enable switch is left alone.
+    `T_believed`: where simulated sensors have the machine, None where they are perfect or know nothing yet.
     `travelling`: whether the undercarriage still has a way to make. `job`: how far automatic motion is.
     """
 
@@ -61,6 +62,7 @@ class View:
     ready: bool = True
     travelling: bool = False
     job: JobFacts | None = None
+    T_believed: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,7 +206,10 @@ class _Automatic:
     def __init__(self, step: AutoStep, view: View, automatic: Automatic) -> None:
         self.words = {"go_to": "go to"}.get(step.do, step.do)
         self._step, self._automatic = step, automatic
-        self._jobs = list(automatic.begun(step, view.q, view.T_site_machine).jobs)
+        # a surface lies where the site has it: what is believed of the machine's place is an error of the edge's
+        believed = view.T_believed if isinstance(step, GradeSurface) else None
+        T = view.T_site_machine if believed is None else believed
+        self._jobs = list(automatic.begun(step, view.q, T).jobs)
         self._end_s = view.t_s + step.at_most_s
         self._levers = Levers(right_y=step.pace)
         self._planned = not (isinstance(step, GoTo) and step.plan)

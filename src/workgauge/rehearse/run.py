@@ -210,7 +210,9 @@ def run_session(
         tool = session.tool
         here = _in_machine(tool, T)
         speed = float(np.linalg.norm(here - before)) / session.tick_s
-        hands = operator.hands(View(session.t_s, q, T, tool, speed, session.ready, not driver.over, job))
+        hands = operator.hands(
+            View(session.t_s, q, T, tool, speed, session.ready, not driver.over, job, session.T_believed)
+        )
         if hands is None:
             break
         speed_m_s, travelled_m = session.true_travel

@@ -300,6 +300,12 @@ class Session:
         return self._source is None or (known.posture is not None and known.pose is not None and usable)
 
     @property
+    def T_believed(self) -> Floats | None:
+        """Where simulated sensors have the machine in the site (4, 4), None where they are perfect or do not know."""
+        known = self._known.pose
+        return None if self._source is None or known is None else known.T_site_machine
+
+    @property
     def finished(self) -> bool:
         """Whether nothing more can come; a simulated machine goes on for ever."""
         return False

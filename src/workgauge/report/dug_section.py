@@ -75,7 +75,7 @@ def _scale_bar(pixels_per_m: float) -> str:
     length = nice_step(100.0 / pixels_per_m, 1)
     x, y, wide = 12.0, HEIGHT - 12.0, length * pixels_per_m
     return (
-        f'<path class="axis" d="M{x:.1f} {y - 5:.1f}V{y:.1f}H{x + wide:.1f}V{y - 5:.1f}"/>'
+        f'<path class="scalebar" d="M{x:.1f} {y - 5:.1f}V{y:.1f}H{x + wide:.1f}V{y - 5:.1f}"/>'
         f'<text class="tick" x="{x + wide / 2:.1f}" y="{y - 6:.1f}" text-anchor="middle">{length:g} m</text>'
     )
 
