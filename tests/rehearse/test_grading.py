@@ -1,5 +1,7 @@
 """Steps that grade a surface: what they ask for, their strokes, and a drive of one."""
 
+import dataclasses
+import itertools
 from pathlib import Path
 from types import MappingProxyType
 
@@ -11,7 +13,8 @@ import workgauge
 from workgauge.machine.load import load_machine
 from workgauge.rehearse.auto_steps import GradeSurface
 from workgauge.rehearse.grading import Grading, Lines
-from workgauge.rehearse.run import run_scenario
+from workgauge.rehearse.run import open_session, run_scenario
+from workgauge.rehearse.scenario import Scenario
 from workgauge.rehearse.scenario_file import load_scenario
 from workgauge.site.model import SiteModel, SurfaceModel
 from workgauge.values.errors import InputError, ScenarioError
@@ -34,7 +37,9 @@ def site(*surfaces: SurfaceModel) -> SiteModel:
 
 
 def step(**keys: object) -> GradeSurface:
-    lines = {} if {"fan", "along", "side_by_side"} & set(keys) else {"polyline_en_m": [[1006.5, 2000], [1005.5, 2000]]}
+    lines = (
+        {} if {"fan", "along", "side_by_side"} & set(keys) else {"polyline_en_m": [[1006.5, 2000], [1005.5, 2000]]}
+    )
     return GradeSurface.model_validate({"do": "grade", **lines, **keys})
 
 
@@ -46,7 +51,7 @@ def test_strokes_go_down_pass_by_pass_and_end_on_the_design():
     )
     assert [round(one.made.offset_m, 6) for one in strokes] == [0.205, 0.105, 0.005]
     assert all(one.error.corner_m < 1e-3 for one in strokes)
-    for before, after in zip(strokes[:-1], strokes[1:], strict=True):
+    for before, after in itertools.pairwise(strokes):
         assert after.motions[0].trajectory.q[0] == pytest.approx(before.q_end, abs=1e-9)
     assert said == ()
     depth = grading.tin("design")
@@ -152,6 +157,21 @@ def test_a_surface_that_is_a_limit_itself_refuses_the_work(tmp_path):
         run_scenario(scenario(tmp_path, "generic"))
 
 
+def test_with_noisy_sensors_ways_are_planned_from_where_the_machine_is_believed(tmp_path):
+    exact = open_session(scenario(tmp_path, str(RULES)))
+    assert exact.T_believed is None
+    loaded = load_scenario("grade-surface")
+    content = loaded.scenario.model_dump(mode="json", exclude_unset=True)
+    content["sensors"] = {"noise": "datasheet", "seed": 1}
+    session = open_session(dataclasses.replace(loaded, scenario=Scenario.model_validate(content)))
+    while session.T_believed is None and session.t_s < 3.0:
+        session.step(session.intent(enable=False))
+    believed = session.T_believed
+    assert believed is not None
+    off = np.linalg.norm(believed[:3, 3] - session.true_state[1][:3, 3])
+    assert 0.0 < off < 0.3
+
+
 @pytest.mark.prove
 def test_grade_surface_is_never_deeper_than_allowed():
     result = run_scenario(load_scenario("grade-surface"))
@@ -160,5 +180,5 @@ def test_grade_surface_is_never_deeper_than_allowed():
     for job in result.automatic.jobs:
         if job.job.startswith("cut "):
             assert job.rms_error_m <= 0.02
-            print(f"\n{job.job}: control error {1e3 * job.rms_error_m:.1f} mm RMS, {1e3 * job.max_error_m:.1f} mm largest")
+            print(f"\n{job.job}: error {1e3 * job.rms_error_m:.1f} mm RMS, {1e3 * job.max_error_m:.1f} mm largest")
     print(f"deepest {1e3 * result.dug.deepest_m:.1f} mm of {1e3 * result.dug.allowed_m:.0f} allowed")
