@@ -1,15 +1,27 @@
 """`certify`: the documented object, the page, exit codes, going on where it was cut, two processes like one."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from numba.core import event
 
 from workgauge.app import certify_command
+from workgauge.app.output import COMPILING
 from workgauge.rehearse.certify.outcome import certificate_id
 
 COMMAND = ("certify", "--machine", "rre20", "--rules", "finland", "--dead-time", "0.3")
 LINEAR = (*COMMAND, "--guard", "linear", "--drives", "6")
+
+
+def afresh(*arguments: object) -> SimpleNamespace:
+    """Run the command line in a process of its own: what this one has looked at before shows in the last digits."""
+    program = [sys.executable, "-c", "from workgauge.app.cli import main; main()", *map(str, arguments)]
+    done = subprocess.run(program, capture_output=True, text=True, check=False)
+    return SimpleNamespace(code=done.returncode, out=done.stdout, err=done.stderr)
 
 
 @pytest.fixture(scope="module")
@@ -61,13 +73,14 @@ def test_exactly_the_documented_object_and_exit_code_3(failed) -> None:  # type:
     assert "to be confirmed" in answer.err and "8 of 8 drives" in answer.err
 
 
-def test_two_processes_give_the_same_and_so_does_a_journal_cut_in_the_middle(cli, failed, tmp_path) -> None:  # type: ignore[no-untyped-def]
-    answer, journal = failed
+def test_two_processes_give_the_same_and_so_does_a_journal_cut_in_the_middle(cli, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    journal = tmp_path / "whole.jsonl"
+    answer = afresh(*LINEAR, "--jobs", 1, "--journal", journal, "--json")
     whole = journal.read_bytes().splitlines(keepends=True)
     assert len(whole) == 9
     cut = tmp_path / "drives.jsonl"
     cut.write_bytes(b"".join(whole[:3]) + whole[3][:100])
-    again = cli.workgauge(*LINEAR, "--jobs", 2, "--journal", cut, "--json")
+    again = afresh(*LINEAR, "--jobs", 2, "--journal", cut, "--json")
     assert (again.code, again.out) == (3, answer.out)
     assert "2 of 8 drives are in the journal" in again.err
     assert sorted(line for line in cut.read_bytes().splitlines(keepends=True) if len(line) != 101) == sorted(whole)
@@ -117,6 +130,14 @@ def test_an_interrupt_keeps_what_is_done_and_says_how_to_go_on(cli, failed, tmp_
     assert cli.workgauge(*LINEAR, "--journal", path, "--jobs", 1, "--json").out == answer.out
 
 
+def test_what_is_compiled_first_is_said(capsys) -> None:  # type: ignore[no-untyped-def]
+    with certify_command._progress(4, 0) as say:
+        for status in (event.EventStatus.START, event.EventStatus.END, event.EventStatus.START):
+            event.broadcast(event.Event("numba:compile", status))
+        say(1, 0)
+    assert capsys.readouterr() == ("", f"{COMPILING}\n1 of 4 drives, 0 failed\n")
+
+
 def test_what_cannot_be_used_is_refused(cli, failed, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     _, journal = failed
     kept = journal.read_bytes()
@@ -127,7 +148,7 @@ def test_what_cannot_be_used_is_refused(cli, failed, tmp_path: Path) -> None:  #
     cli.refused(cli.workgauge(*LINEAR, "--rules", "germany", *with_journal), "another certificate", "rule book")
     assert journal.read_bytes() == kept
     cli.refused(cli.workgauge(*LINEAR, "--journal", tmp_path), "journal cannot be read")
-    cli.refused(cli.workgauge(*LINEAR, "--guard", "none"), "unknown guard")
+    cli.refused(cli.workgauge(*LINEAR, "--guard", "asleep"), "unknown guard")
     cli.refused(cli.workgauge(*LINEAR, "--dead-time", "0"), "--dead-time", "out of range")
     cli.refused(cli.workgauge(*LINEAR, "--machine", "rre99"), "unknown machine")
     cli.refused(cli.workgauge(*LINEAR, "--site", tmp_path / "no.xml"), "no.xml")

@@ -24,7 +24,7 @@ def recorded(tmp_path_factory):  # type: ignore[no-untyped-def]
     session = Session(at=(25487288.0, 6714595.5, 42.0))
     path = tmp_path_factory.mktemp("log") / "run.mcap"
     frames: list[bytes] = []
-    with LogWriter(path, configuration(session._config)) as log, pytest.MonkeyPatch.context() as patch:
+    with LogWriter(path, configuration(session.config)) as log, pytest.MonkeyPatch.context() as patch:
         recorder = TickRecorder(log)
 
         def watched(inputs, memory, config):  # type: ignore[no-untyped-def]
@@ -46,16 +46,16 @@ def test_a_replayed_run_sends_the_same_bytes(recorded) -> None:  # type: ignore[
     session, path, frames = recorded
     log = open_log(path)
     assert log.cut is None and log.configuration["machine"] == "rre20"
-    memory, count = first_memory(session._config), 0
-    for recorded_tick, frame in zip(replay(log, session._scene), frames, strict=True):
-        outputs, memory, trace = tick(recorded_tick.inputs, memory, session._config)
+    memory, count = first_memory(session.config), 0
+    for recorded_tick, frame in zip(replay(log, session.scene), frames, strict=True):
+        outputs, memory, trace = tick(recorded_tick.inputs, memory, session.config)
         assert outputs.frame == frame
         assert trace.valves == recorded_tick.command.valves
         assert encode(recorded_tick.command) == frame
         count += 1
-    assert count == 180 and any(any(one.command.valves) for one in replay(log, session._scene))
-    assert [one.inputs.intent is None for one in replay(log, session._scene)].count(True) == 2
-    assert list(replay(log, session._scene))[-1].inputs.off_states == {"works on track 2"}
+    assert count == 180 and any(any(one.command.valves) for one in replay(log, session.scene))
+    assert [one.inputs.intent is None for one in replay(log, session.scene)].count(True) == 2
+    assert list(replay(log, session.scene))[-1].inputs.off_states == {"works on track 2"}
 
 
 def test_what_the_tick_saw_is_there_too(recorded) -> None:  # type: ignore[no-untyped-def]
@@ -70,7 +70,7 @@ def test_a_cut_run_replays_up_to_the_cut(recorded, tmp_path: Path) -> None:  # t
     cut = tmp_path / "cut.mcap"
     begin, length = log.chunks[-1]
     cut.write_bytes(path.read_bytes()[: begin + length - 1])
-    commands = [encode(one.command) for one in replay(open_log(cut), session._scene)]
+    commands = [encode(one.command) for one in replay(open_log(cut), session.scene)]
     assert 90 < len(commands) < 180 and commands == frames[: len(commands)]
 
 
@@ -81,4 +81,4 @@ def test_a_log_without_its_inputs_does_not_replay(tmp_path: Path, recorded) -> N
         for entry in open_log(path).entries("/tick", "/valves", "/intent"):
             log.write(entry.topic, entry.time_ns, entry.value)
     with pytest.raises(InputError, match="/posture"):
-        list(replay(open_log(hollow), session._scene))
+        list(replay(open_log(hollow), session.scene))

@@ -34,6 +34,7 @@ class LetThrough:
 
     name: str = "let through"
     reach_m: float = 0.5
+    steers_itself: bool = False
 
     def start(self) -> Memory:
         return {}

@@ -98,7 +98,7 @@ def test_what_is_swept_is_what_is_looked_at() -> None:
     for row, tool in zip(seen.q[::25], seen.tool[::25], strict=True):
         kin = machine.forward(row)
         assert tool == pytest.approx((T @ machine.tool_pose(kin))[:3, 3])
-        clearances = session.scene.query(kin, T, 2.0, 0, session.off_states, session._tracks.let_off)
+        clearances = session.scene.query(kin, T, 2.0, 0, session.off_states, session.surroundings().let_off)
         for limit, metres in zip(clearances.limits.tolist(), clearances.distances.tolist(), strict=True):
             name = clearances.limit_ids[limit]
             nearest[name] = min(metres, nearest.get(name, np.inf))
@@ -141,9 +141,9 @@ def test_a_goal_that_is_stuck_is_planned_round_once(monkeypatch: pytest.MonkeyPa
     stuck = Job("inside", goal=ToolGoal(frozen(pose), Orientation.FREE), around=False)
     asked: list[np.ndarray] = []
 
-    def around_it(automatic: Automatic, step: GoTo, here: np.ndarray, T_site_machine: np.ndarray) -> Planned:
-        asked.append(here)
-        (motion,) = plan_joints(session.machine, here, q, Pace())
+    def around_it(automatic: Automatic, step: GoTo, came: np.ndarray, T_site_machine: np.ndarray) -> Planned:
+        asked.append(came[-1])
+        (motion,) = plan_joints(session.machine, came[-1], q, Pace())
         return Planned((Job("back", trajectory=motion.trajectory),), q)
 
     monkeypatch.setattr(Automatic, "begun", lambda *_: Planned((stuck,), q))

@@ -58,6 +58,7 @@ class Asleep:
 
     name: str = "asleep"
     reach_m: float = 0.0
+    steers_itself: bool = False
 
     def start(self) -> Memory:
         return {}

@@ -1,10 +1,13 @@
 """Compiled code is kept by the text of everything it may call."""
 
+import importlib.util
 import os
 import stat
 from pathlib import Path
 
-from workgauge.values.compiled import KEPT, fingerprint, folder
+import numba
+
+from workgauge.values.compiled import KEPT, before_compiling, fingerprint, folder
 
 
 def package(at: Path) -> Path:
@@ -48,3 +51,32 @@ def test_a_package_that_cannot_be_written_to_uses_the_users_cache(tmp_path: Path
     (tmp_path / "cache").write_text("no folder either")
     last = folder(root)
     assert last.is_dir() and last.stat().st_mode & stat.S_IWUSR
+
+
+def loaded(file: Path):  # type: ignore[no-untyped-def]
+    """Return the function of a file as a new process would have it."""
+    spec = importlib.util.spec_from_file_location("kernel_of_a_test", file)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.f
+
+
+def test_what_is_compiled_is_said_once_and_what_comes_off_the_disk_is_not(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    file, said = tmp_path / "kernel_of_a_test.py", []
+    file.write_text(
+        "from workgauge.values.compiled import njit\n\n"
+        "@njit(cache=True)\ndef g(a): return a + 1\n\n@njit(cache=True)\ndef f(a): return g(a)\n"
+    )
+    first = loaded(file)
+    with before_compiling(lambda: said.append("one")):
+        assert said == []
+        assert first(1) == 2 and first(1.5) == 2.5  # four of them are compiled
+    assert said == ["one"]
+    with before_compiling(lambda: said.append("again")):
+        assert first(1) == 2 and loaded(file)(1.5) == 2.5
+    assert said == ["one"]
+    file.write_text(file.read_text().replace("a + 1", "a + 2"))
+    assert loaded(file)(1) == 3  # after the context nobody is told
+    assert said == ["one"]

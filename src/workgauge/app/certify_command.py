@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from workgauge.app.output import facts, input_errors_exit_2, print_json, stderr, stdout, table, warn
+from workgauge.app.output import COMPILING, facts, input_errors_exit_2, print_json, stderr, stdout, table, warn
 from workgauge.app.site_commands import Epsg, Json
 from workgauge.rehearse.certify.certificate import Certificate, joint_stopping, warnings
 from workgauge.rehearse.certify.conditions import Task, tasks
@@ -21,6 +21,7 @@ from workgauge.rehearse.certify.outcome import outcome
 from workgauge.rehearse.certify.work import driven
 from workgauge.rehearse.choices import chosen_files
 from workgauge.report.certificate_page import write_certificate
+from workgauge.values.compiled import before_compiling
 
 #: Exit code of a certificate that was not passed, and of a run that was interrupted.
 EXIT_NOT_PASSED, EXIT_INTERRUPTED = 3, 130
@@ -151,7 +152,10 @@ def _say_how_to_go_on(done: int, of: int, kept: Journal | None) -> None:
 
 @contextmanager
 def _progress(of: int, done: int) -> Iterator[Callable[[int, int], None]]:
-    """Yield what is told how many drives are done and how many failed: a bar at a terminal, else plain lines."""
+    """Yield what is told how many drives are done and how many failed: a bar at a terminal, else plain lines.
+
+    Either says as well when functions are compiled first.
+    """
     console = stderr()
     if not console.is_terminal:
         step = max(of // LINES, 1)
@@ -162,12 +166,14 @@ def _progress(of: int, done: int) -> Iterator[Callable[[int, int], None]]:
 
         if done:
             console.print(f"{done} of {of} drives are in the journal")
-        yield say
+        with before_compiling(lambda: console.print(COMPILING)):
+            yield say
         return
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("drives", total=of, completed=done)
-        yield lambda count, failed: bar.update(task, completed=count, description=_words(failed))
+        with before_compiling(lambda: bar.update(task, description=COMPILING)):
+            yield lambda count, failed: bar.update(task, completed=count, description=_words(failed))
 
 
 def _words(failed: int) -> str:

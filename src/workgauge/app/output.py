@@ -3,7 +3,8 @@
 import functools
 import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from typing import Any, ParamSpec, TypeVar
 
 import typer
@@ -13,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 from typer.core import TyperCommand
 
+from workgauge.values.compiled import before_compiling
 from workgauge.values.errors import InputError
 
 P = ParamSpec("P")
@@ -20,6 +22,9 @@ R = TypeVar("R")
 
 #: Exit code for anything the user handed in that cannot be used.
 EXIT_INPUT = 2
+
+#: What is said where functions have to be compiled first.
+COMPILING = "compiling, once after an installation: a minute or two"
 
 #: Tables are this wide where there is no terminal to tell.
 PLAIN_WIDTH = 120
@@ -85,13 +90,31 @@ def facts(title: str, pairs: Sequence[tuple[str, str]]) -> Table:
     return out
 
 
-def busy(what: str | None) -> Progress:
-    """Return something to look at meanwhile, where there is a terminal; nothing for None."""
+@contextmanager
+def busy(what: str | None) -> Iterator[None]:
+    """Show what goes on meanwhile and for how long, at a terminal; with None only that functions are compiled.
+
+    If functions have to be compiled on the way that is said as well, at a terminal or in one line on stderr; nothing
+    is said of those that are on the disk.
+    """
     console = stderr()
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    progress = Progress(*columns, console=console, transient=True, disable=what is None or not console.is_terminal)
-    progress.add_task(what or "", total=None)
-    return progress
+    progress = Progress(*columns, console=console, transient=True)
+    task = progress.add_task(what or COMPILING, total=None)
+    with ExitStack() as shown:
+
+        def say() -> None:
+            if not console.is_terminal:
+                console.print(COMPILING)
+            elif what is None:
+                shown.enter_context(progress)
+            else:
+                progress.update(task, description=f"{what}; {COMPILING}")
+
+        if what is not None and console.is_terminal:
+            shown.enter_context(progress)
+        with before_compiling(say):
+            yield
 
 
 class SeveralFiles(TyperCommand):

@@ -14,7 +14,7 @@ from rich.console import Console
 from workgauge.app.check_file import refuse_unchecked
 from workgauge.app.gnss_run import OwnSite, gnss_run, refuse_place
 from workgauge.app.live import LiveView, plain_bar
-from workgauge.app.output import facts, input_errors_exit_2, print_json, stderr, stdout, table, warn
+from workgauge.app.output import busy, facts, input_errors_exit_2, print_json, stderr, stdout, table, warn
 from workgauge.app.preview_run import planned_meanwhile, previewed
 from workgauge.app.site_commands import Epsg, Json
 from workgauge.machine.load import load_machine
@@ -112,7 +112,9 @@ def run_command(
         _refuse_beside_preview({"--report": report, "--record": record, "--gnss": gnss})
     choice = _Choice(site or (), machine, rules, scenario, guard, at, gnss or (), check, epsg, joints)
     with ExitStack() as stack:
-        prepared = stack.enter_context(_prepared(choice))
+        with busy(None):
+            prepared = stack.enter_context(_prepared(choice))
+            prepared.session.warm_up()
         session = prepared.session
         session.checked = check is not None
         for state in off or ():

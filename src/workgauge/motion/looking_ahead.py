@@ -1,8 +1,9 @@
 """What a motion would come near to, before it is made."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -41,7 +42,7 @@ class Ahead:
         worst_m: smallest clearance less its stop distance, infinite if nothing is near [m].
         distance_m, stop_m: that clearance, signed, and its stop distance [m]. limit, link: of what to what, or None.
         at: since the motions' beginning [s], NaN for a posture.
-        least: limit id to its smallest clearance [m], of what comes within sight.
+        least: limit id to its smallest clearance [m], of what comes within sight; read-only.
     """
 
     worst_m: float
@@ -50,7 +51,7 @@ class Ahead:
     limit: str | None
     link: str | None
     at: float
-    least: dict[str, float]
+    least: Mapping[str, float]
 
 
 def looked_ahead(around: Surroundings, trajectories: Sequence[Trajectory], postures: Sequence[Floats] = ()) -> Ahead:
@@ -59,7 +60,7 @@ def looked_ahead(around: Surroundings, trajectories: Sequence[Trajectory], postu
     Motions are looked at where no corner has moved by more than `STEP_M` since; what lies in between may be that
     much nearer. Protection levels are not counted.
     """
-    worst = Ahead(math.inf, math.inf, math.nan, None, None, math.nan, {})
+    worst = Ahead(math.inf, math.inf, math.nan, None, None, math.nan, MappingProxyType({}))
     begun = 0.0
     for trajectory in trajectories:
         times = _moments(trajectory, around.scene.arm.farthest)
@@ -72,6 +73,7 @@ def looked_ahead(around: Surroundings, trajectories: Sequence[Trajectory], postu
 
 
 def _nearer(around: Surroundings, q: Floats, at: float, worst: Ahead) -> Ahead:
+    """Return what is nearest once a posture q (n,) is looked at as well."""
     scene = around.scene
     radius = max(around.stop_distance_m, scene.largest_stop_m) + BEYOND_M
     kin = scene.machine.forward(q)
@@ -79,16 +81,18 @@ def _nearer(around: Surroundings, q: Floats, at: float, worst: Ahead) -> Ahead:
     if not len(found):
         return worst
     stops = np.where(np.isnan(found.stop_distances), around.stop_distance_m, found.stop_distances)
+    nearest = dict(worst.least)
     for limit, distance in zip(found.limits.tolist(), found.distances.tolist(), strict=True):
         name = found.limit_ids[limit]
-        worst.least[name] = min(distance, worst.least.get(name, math.inf))
+        nearest[name] = min(distance, nearest.get(name, math.inf))
+    least = MappingProxyType(nearest)
     slack = found.distances - stops
     i = int(np.argmin(slack))
     if slack[i] >= worst.worst_m:
-        return worst
+        return replace(worst, least=least)
     return Ahead(
         *(float(slack[i]), float(found.distances[i]), float(stops[i]), found.limit_ids[int(found.limits[i])]),
-        *(found.link_names[int(found.links[i])], at, worst.least),
+        *(found.link_names[int(found.links[i])], at, least),
     )
 
 

@@ -132,7 +132,7 @@ class GnssSession(Session):
                 "Joints and tilt are simulated, and measured without noise."
             ),
         )
-        self._navigator = SimulatedJoints(self._navigator, lambda: self._plant.truth[0])
+        self._belief.navigator = SimulatedJoints(self._belief.navigator, lambda: self._true.plant.truth[0])
         receivers.begin()
 
     @property
@@ -161,5 +161,5 @@ class GnssSession(Session):
             self.stand = replace(self.stand, warnings=(*self.stand.warnings, *new))
         self._gone = gone
         if done.known.pose is not None:
-            self._plant.stand_at(done.known.pose.T_site_machine)
+            self._true.plant.stand_at(done.known.pose.T_site_machine)
         return done

@@ -2,9 +2,10 @@
 
 import copy
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -73,7 +74,7 @@ class Preview:
     why: str
     duration_s: float
     planned_s: float
-    least: dict[str, Nearest]
+    least: Mapping[str, Nearest]
     against: tuple[str, ...]
     t: Floats
     q: Floats
@@ -97,7 +98,7 @@ class Preview:
             other,
             duration_s=end_s + other.duration_s,
             planned_s=self.planned_s + other.planned_s,
-            least=least,
+            least=MappingProxyType(least),
             against=tuple(dict.fromkeys((*self.against, *other.against))),
             t=frozen(np.concatenate([self.t, end_s + other.t[1:]])),
             q=frozen(np.concatenate([self.q, other.q[1:]])),
@@ -256,7 +257,8 @@ class _World:
         planned_s = sum(job.trajectory.duration_s for job in jobs if job.trajectory is not None)
         T = self.T_site_machine
         return Preview(
-            *(state is JobState.DONE and not why, state, why, duration_s, float(planned_s), dict(self.least)),
+            *(state is JobState.DONE and not why, state, why, duration_s, float(planned_s)),
+            MappingProxyType(dict(self.least)),
             tuple(sorted(self.held, key=lambda name: (-self.held[name], name))),
             frozen(np.arange(len(swept)) * self.config.dt_s),
             *(frozen(swept), frozen(tools @ T[:3, :3].T + T[:3, 3])),

@@ -29,10 +29,11 @@ from workgauge.rehearse.scenario import (
     TravelStep,
 )
 from workgauge.rehearse.scenario_file import LoadedScenario
-from workgauge.rehearse.session import SUBSTEPS, Session
+from workgauge.rehearse.session import Session
 from workgauge.rehearse.step_result import StepResult
 from workgauge.rehearse.targets import Targets, solid_points
 from workgauge.rehearse.travelling import Driver
+from workgauge.rehearse.true_machine import SUBSTEPS
 from workgauge.rehearse.words import run_assumptions, run_facts
 from workgauge.values.arrays import Floats
 from workgauge.values.errors import ScenarioError

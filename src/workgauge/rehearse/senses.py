@@ -2,17 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
-from typing import Protocol
 
-from workgauge.gauge.rules import RuleBook
-from workgauge.geodesy.frame import SiteFrame
-from workgauge.machine.model import MachineModel
 from workgauge.rehearse.locating import SensorNavigator
 from workgauge.rehearse.navigation import Navigator, PerfectNavigator, Source
 from workgauge.rehearse.sensing import FaultChoice, SensorChoice, Sensors
+from workgauge.rehearse.setting import Setting
 from workgauge.sim.sensors.kit import SensorKit
-from workgauge.site.model import SiteModel
 from workgauge.values.errors import GeodesyError, MachineError, ScenarioError
 
 
@@ -31,18 +26,7 @@ class Senses:
     assumption: str
 
 
-class Situated(Protocol):
-    """A machine on a site: what its senses hang on."""
-
-    site: SiteModel
-    machine: MachineModel
-    rules: RuleBook
-    frame: SiteFrame
-    machine_id: str
-    start_utc: datetime
-
-
-def senses(on: Situated, sensors: Sensors, faults: Sequence[FaultChoice], source: Source | None) -> Senses:
+def senses(on: Setting, sensors: Sensors, faults: Sequence[FaultChoice], source: Source | None) -> Senses:
     """Return what a machine measures with.
 
     Raises:

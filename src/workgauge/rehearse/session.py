@@ -1,73 +1,43 @@
 """A machine on a site, advanced one tick at a time: what the command line itself uses."""
 
-import math
+import copy
 import time
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
-import numpy as np
-
-from workgauge.gauge.build import LimitSet, build_limits
-from workgauge.gauge.following import OnTracks, TrackFollower
-from workgauge.gauge.rulebook import load_rule_book
 from workgauge.gauge.rules import RuleBook
 from workgauge.guard.api import Guard
 from workgauge.guard.travel import Brakes
-from workgauge.loop.config import TickConfig, search_radius_m, tick_config
+from workgauge.loop.config import TickConfig
 from workgauge.loop.inputs import TickInputs
 from workgauge.loop.memory import first_memory
-from workgauge.loop.tick import Trace, tick
-from workgauge.machine.load import load_machine
+from workgauge.loop.tick import tick
+from workgauge.loop.warm import warm_up
 from workgauge.machine.model import MachineModel
-from workgauge.motion.desired import MotionConfig
 from workgauge.motion.follow import FollowSettings
 from workgauge.motion.job import Job
 from workgauge.motion.looking_ahead import Surroundings
 from workgauge.proximity.scene import Scene
-from workgauge.rehearse.choices import chosen_files, chosen_guard, chosen_place, chosen_posture
+from workgauge.rehearse.belief import Belief
 from workgauge.rehearse.hydraulic_choice import Joints
-from workgauge.rehearse.joints import moving
-from workgauge.rehearse.navigation import Known, Source, armed
-from workgauge.rehearse.posture import LetOff, start_posture
+from workgauge.rehearse.navigation import Source
 from workgauge.rehearse.preview import LONGEST_S, After, Preview, preview
 from workgauge.rehearse.result import Snapshot
 from workgauge.rehearse.scenario import OnGround, OnTrack
 from workgauge.rehearse.senses import Senses, senses
 from workgauge.rehearse.sensing import FaultChoice, Sensors
-from workgauge.rehearse.start import stand
+from workgauge.rehearse.setting import SHIPPED_SITE, setting_of
 from workgauge.rehearse.step_result import Observer, StepResult
-from workgauge.rehearse.targets import nearest_point
-from workgauge.rehearse.travelling import Travel, TravelGround, allowed_travel, believed_place
-from workgauge.rehearse.truth import GeometricTruth, Reading, refuse_inside, snapshot
-from workgauge.rehearse.ways import RailPlace, way_from
-from workgauge.sim.kinematic import KinematicPlant
+from workgauge.rehearse.true_machine import TrueMachine
+from workgauge.rehearse.truth import GeometricTruth
+from workgauge.rehearse.undercarriage import Undercarriage
 from workgauge.sim.sensors.kit import START_UTC
 from workgauge.site.model import SiteModel
-from workgauge.site.read import read_site
 from workgauge.values.arrays import Floats
-from workgauge.values.errors import ScenarioError
 from workgauge.values.limits import Limit
 from workgauge.values.measurements import DriveMode, Intent, Levers, Stamp, ToolLine
-from workgauge.values.ports import Chunk
-from workgauge.values.transforms import heading_from_yaw
-from workgauge.wire.messages import NAME_BYTES
 from workgauge.wire.stream import Tally
-
-#: The shipped site, and the rule book it is built to.
-SHIPPED_SITE, SHIPPED_SITE_RULES = "double_track", "finland"
-
-#: Truth checks per tick.
-SUBSTEPS = 2
-
-#: How far truth looks round the machine [m]; the guard looks as far as the tick's own radius.
-TRUTH_RADIUS_M = 10.0
-
-#: A start posture takes the nearest pole into account up to this far away [m].
-POLE_WITHIN_M = 15.0
-
-#: How far the tick looks: more than a full-speed stop of a 20 t machine (6.7 m).
-TICK_RADIUS_M = 7.0
 
 
 class Session:
@@ -118,81 +88,29 @@ class Session:
         start_utc: datetime = START_UTC,
         follow: FollowSettings | None = None,
     ) -> None:
-        self.site = site if isinstance(site, SiteModel) else read_site(chosen_files(site), epsg=epsg)
-        self.machine = machine if isinstance(machine, MachineModel) else load_machine(machine, attachment)
-        if rules is None:
-            rules = SHIPPED_SITE_RULES if site == SHIPPED_SITE else "generic"
-        self.rules = rules if isinstance(rules, RuleBook) else load_rule_book(rules)
-        self.guard = chosen_guard(guard, guard_parameters or {}) if isinstance(guard, str) else guard
-        self.tick_s = tick_s
-        self.brakes = brakes or Brakes()
-        self.moving = moving(joints, self.machine)
-        asked = chosen_place(at, self.site)
-        self.stand = stand(self.site, self.rules, self.machine, asked)
-        position = self.stand.T_absolute_machine[:3, 3]
-        self.frame = self.site.frame((float(position[0]), float(position[1]), float(position[2])))
-        self.limit_set: LimitSet = build_limits(self.site, self.rules, self.frame, start_utc)
+        self.setting = about = setting_of(
+            *(site, machine, rules, guard, at),
+            attachment=attachment,
+            guard_parameters=guard_parameters,
+            tick_s=tick_s,
+            epsg=epsg,
+            brakes=brakes,
+            joints=joints,
+            start_utc=start_utc,
+        )
+        self.site, self.machine, self.rules, self.guard = about.site, about.machine, about.rules, about.guard
+        self.tick_s, self.brakes, self.moving, self.start_utc = tick_s, about.brakes, about.moving, start_utc
+        self.stand, self.frame, self.limit_set, self.states = about.stand, about.frame, about.limit_set, about.states
+        self.machine_id = about.machine_id
         self.off_states: frozenset[str] = frozenset()
-        self.states = frozenset(one.activity.state for one in self.limit_set.limits if one.activity.state is not None)
-        self._scene = Scene(self.machine, self.limit_set.limits)
-        self._place = way_from(self.site, self.rules, self.machine, self.frame, asked, self.stand)
-        T = self._place.T_site_machine
-        self._follower = TrackFollower(self.site, self.rules)
-        self._tracks = self._true_tracks = self._standing_on(OnTracks(self.stand.own_track), T)
-        self.start_utc = start_utc
-        self._configure(sensors, faults, source, follow or FollowSettings(compensate=self.moving.late))
-        q = self._start_posture(T) if posture is None else chosen_posture(self.machine, posture)
-        self.truth = GeometricTruth(self.machine, self.limit_set.limits, TRUTH_RADIUS_M)
-        self._refuse_inside(q, T)
-        self._plant = KinematicPlant(
-            self.machine,
-            machine_id=self.machine_id,
-            q=q,
-            place=self._place,
-            acceleration_m_s2=self.brakes.deceleration_m_s2,
-            substep_s=tick_s / SUBSTEPS,
-            on_substep=self._substep,
-            joints=self.moving.joints,
-        )
-        if self._source is not None:
-            self._source.advance(0, q, T)
-
-    def _configure(
-        self, sensors: Sensors, faults: Sequence[FaultChoice], source: Source | None, follow: FollowSettings
-    ) -> None:
-        """Set up the senses, the tick and what it remembers."""
-        radius_m = max(TICK_RADIUS_M, search_radius_m(self.guard, self.limit_set.limits))
-        self.machine_id = self.machine.name.encode()[:NAME_BYTES].decode(errors="ignore")
-        self._config = tick_config(
-            self.machine,
-            self.guard,
-            machine_id=self.machine_id,
-            dt_s=self.tick_s,
-            radius_m=radius_m,
-            tool_sigma_m=0.0 if sensors == "perfect" and source is None else None,
-            drive=self.moving.drive,
-            motion=MotionConfig(follow=follow),
-        )
+        self.checked = False  #: whether a valid start-of-shift check was seen, see `navigation.armed`
+        self._config = about.tick_config(follow, 0.0 if sensors == "perfect" and source is None else None)
         self._memory = first_memory(self._config)
         self._observers: list[Observer] = []
-        self._now_ns = 0
-        self._tick_ns = round(self.tick_s * 1e9)
-        self.senses: Senses = senses(self, sensors, faults, source)
-        self._navigator, self._source = self.senses.navigator, self.senses.source
-        self._known = Known()
-        self.checked = False  # whether a valid start-of-shift check was seen, see `navigation.armed`
-        self._readings: list[Reading] = []
-        self._wanted_travel = 0.0, 0.0
-        self._travel_ground = TravelGround(
-            self.machine, self.limit_set.limits, self._follower.tracks, self.brakes, self.guard
-        )
-
-    def _start_posture(self, T_site_machine: Floats) -> Floats:
-        """Return home, or a posture clear of the nearest pole that the machine could be driven at."""
-        near = nearest_point(self.limits, T_site_machine[:3, 3])
-        away = math.inf if near is None else float(np.linalg.norm((near - T_site_machine[:3, 3])[:2]))
-        around = LetOff(self._scene, self._true_tracks.let_off)
-        return start_posture(around, T_site_machine, near if away < POLE_WITHIN_M else None)
+        self._now_ns, self._tick_ns = 0, round(tick_s * 1e9)
+        self.senses: Senses = senses(about, sensors, faults, source)
+        self._belief, self._undercarriage = Belief(about, self.senses), Undercarriage(about)
+        self._true = TrueMachine(about, about.posture(posture), self.senses.source)
 
     @property
     def config(self) -> TickConfig:
@@ -200,15 +118,15 @@ class Session:
         return self._config
 
     @property
-    def limit_names(self) -> dict[str, str]:
+    def limit_names(self) -> Mapping[str, str]:
         """Limit id to what a person calls it."""
-        return {limit.id: limit.name for limit in self.limit_set.limits}
+        return self.setting.names
 
     def surroundings(self) -> Surroundings:
         """Return what stands around the machine now, as planning looks at it."""
         return Surroundings(
-            *(self._scene, self.true_state[1], getattr(self.guard, "stop_distance_m", 0.0), self._now_ns),
-            *(self.off_states, self._tracks.let_off),
+            *(self.setting.scene, self.true_state[1], getattr(self.guard, "stop_distance_m", 0.0), self._now_ns),
+            *(self.off_states, self._belief.tracks.let_off),
         )
 
     def preview(
@@ -228,9 +146,9 @@ class Session:
         q, T = self.true_state
         begin = after or After(q, self._memory, self.moving.joints, self._now_ns)
         return preview(
-            *(self._config, self._scene, begin.q, T, jobs, begin.joints),
+            *(self._config, self.setting.scene, begin.q, T, jobs, begin.joints),
             off_states=self.off_states,
-            let_off=self._tracks.let_off,
+            let_off=self._belief.tracks.let_off,
             now_ns=begin.now_ns,
             pace=pace,
             at_most_s=at_most_s,
@@ -241,7 +159,17 @@ class Session:
     @property
     def scene(self) -> Scene:
         """The limits around the machine, as the tick is given them."""
-        return self._scene
+        return self.setting.scene
+
+    @property
+    def truth(self) -> GeometricTruth:
+        """Everything the true machine came near to so far."""
+        return self._true.truth
+
+    def warm_up(self) -> None:
+        """Compile what steps need, if it is not on the disk; nothing of the session changes."""
+        warm_up(self._config)
+        copy.deepcopy(self.moving.joints).advance(self.tick_s, self.true_state[0])
 
     def observe(self, observer: Observer) -> None:
         """Hand every tick from now on to an observer, which must not change anything."""
@@ -255,37 +183,32 @@ class Session:
     @property
     def limits(self) -> tuple[Limit, ...]:
         """The limits of the site, without the envelopes of tracks the machine is let off now."""
-        let_off = self._tracks.let_off
-        return tuple(limit for limit in self.limit_set.limits if limit.own_track_of not in let_off)
+        return self.setting.limits(self._belief.tracks.let_off)
 
     @property
     def true_state(self) -> tuple[Floats, Floats]:
         """The true joint positions (n,) and pose of the machine in the site's local frame (4, 4)."""
-        q, T = self._plant.truth
-        return q, T
+        return self._true.state
 
     @property
     def true_travel(self) -> tuple[float, float]:
         """The true speed [m/s] of the undercarriage and the way it has made, forwards less backwards [m]."""
-        return self._plant.speed_m_s, self._plant.travelled_m
+        return self._true.plant.speed_m_s, self._true.plant.travelled_m
 
     @property
     def start_along_m(self) -> tuple[float, float] | None:
         """Where on its alignment the machine started [m], and +1 or -1 for facing along or against it, or None."""
-        if not isinstance(self._place, RailPlace):
-            return None
-        return self._place.distance_m, 1.0 if self._place.forward else -1.0
+        return self._undercarriage.start_along_m
 
     @property
     def tool(self) -> Floats:
         """The true tool centre point (3,) in the site's local frame [m]."""
-        q, T = self.true_state
-        return np.asarray((T @ self.machine.tool_pose(self.machine.forward(q)))[:3, 3], dtype=np.float64)
+        return self._true.tool
 
     @property
     def tallies(self) -> Mapping[str, Tally]:
         """What became of the sentences and messages of each port; empty where sensors are perfect."""
-        return self._navigator.tallies
+        return self._belief.navigator.tallies
 
     @property
     def standing_assumption(self) -> str:
@@ -295,9 +218,7 @@ class Session:
     @property
     def ready(self) -> bool:
         """Whether posture and position are known and may be used."""
-        known = self._known
-        usable = known.health is None or known.health.state.usable
-        return self._source is None or (known.posture is not None and known.pose is not None and usable)
+        return self._belief.ready
 
     @property
     def T_believed(self) -> Floats | None:
@@ -312,13 +233,11 @@ class Session:
 
     def snapshot(self) -> Snapshot:
         """Return the machine as it truly stands now."""
-        q, T = self.true_state
-        reading = self.truth.look(self._now_ns, q, T, self.off_states, self._true_tracks.let_off)
-        return snapshot(self.machine, reading, q, T)
+        return self._true.snapshot(self._now_ns, self.off_states)
 
     def limit_name(self, limit_id: str) -> str:
         """Return what a person calls a limit."""
-        return next((limit.name for limit in self.limit_set.limits if limit.id == limit_id), limit_id)
+        return self.limit_names.get(limit_id, limit_id)
 
     def set_state(self, name: str, on: bool) -> None:
         """Switch a work state (`Track 2 open to traffic`) from the next step on; every state is on at the start.
@@ -330,14 +249,8 @@ class Session:
         self.off_states = self.off_states - {name} if on else self.off_states | {name}
 
     def check_state(self, name: str) -> None:
-        """Refuse the name of a work state that no limit of the site depends on.
-
-        Raises:
-            ScenarioError: if it is one, naming those there are.
-        """
-        if name not in self.states:
-            known = ", ".join(repr(state) for state in sorted(self.states)) or "none, no limit depends on a state"
-            raise ScenarioError("no limit depends on such a state", element="state", value=name, allowed=known)
+        """Refuse the name of a work state that no limit of the site depends on, by a `ScenarioError`."""
+        self.setting.check_state(name)
 
     def travel(self, speed_m_s: float, curvature: float = 0.0) -> None:
         """Say how fast the undercarriage is to travel from the next step on, until it is said anew.
@@ -351,9 +264,7 @@ class Session:
         Raises:
             ValueError: if either is not a finite number.
         """
-        if not (math.isfinite(speed_m_s) and math.isfinite(curvature)):
-            raise ValueError(f"travel needs finite numbers, not {speed_m_s} m/s, {curvature} 1/m")
-        self._wanted_travel = speed_m_s, curvature
+        self._undercarriage.ask(speed_m_s, curvature)
 
     def intent(
         self,
@@ -374,81 +285,21 @@ class Session:
             intent: what the operator wants, or None if nobody is there (then the machine stops).
             job: what automatic motion is to do while the intent asks for it.
         """
-        now = self._now_ns
-        known = self._navigator.take(self._chunks(now), now, self._follower.track(self._tracks.own))
-        self._known = known = armed(known, self.machine, self.checked)
-        if known.pose is not None:
-            self._tracks = self._standing_on(self._tracks, known.pose.T_site_machine)
-        off, let_off = self.off_states, self._tracks.let_off
-        inputs = TickInputs(now, known.posture, known.pose, intent, self._scene, off, let_off, known.health, job)
+        now, plant, off = self._now_ns, self._true.plant, self.off_states
+        known, let_off = self._belief.take(plant.read(), now, checked=self.checked), self._belief.tracks.let_off
+        inputs = TickInputs(now, known.posture, known.pose, intent, self.scene, off, let_off, known.health, job)
         began = time.perf_counter_ns()
         outputs, self._memory, trace = tick(inputs, self._memory, self._config)
         tick_ms = (time.perf_counter_ns() - began) * 1e-6
         for observer in self._observers:
             observer(inputs, outputs.frame, trace)
-        before = self._truth_now()
-        self._plant.write(outputs.frame)
-        travel = self._drive(trace)
-        self._readings.clear()
-        self._plant.advance(self.tick_s)
-        truth = min(self._readings, key=lambda one: math.inf if one.limit is None else one.limit.distance_m)
+        before = self._true.reading(now, off)
+        plant.write(outputs.frame)
+        travel = self._undercarriage.allowed(trace, known, self._belief.tracks, gate_open=self._memory.gate.open)
+        plant.travel(travel.allowed_m_s, travel.curvature)
+        truth = self._true.advance(off)
         self._now_ns = now + self._tick_ns
         return StepResult(
-            now * 1e-9,
-            trace,
-            outputs.frame,
-            truth,
-            before,
-            known,
-            self._tracks,
-            travel.made(*self.true_travel),
-            tick_ms,
+            *(now * 1e-9, trace, outputs.frame, truth, before, known),
+            *(self._belief.tracks, travel.made(*self.true_travel), tick_ms),
         )
-
-    def _chunks(self, now_ns: int) -> list[Chunk]:
-        """Return what arrived: from the plant itself if its sensors are perfect, else from the source."""
-        perfect = self._plant.read()
-        return perfect if self._source is None else self._source.read(now_ns)
-
-    def _standing_on(self, before: OnTracks, T_site_machine: Floats) -> OnTracks:
-        """Return what a machine at this pose stands on."""
-        e, n = self.frame.to_absolute(T_site_machine[:3, 3])[:2]
-        heading = heading_from_yaw(math.atan2(T_site_machine[1, 0], T_site_machine[0, 0]))
-        return self._follower.follow(before, float(e), float(n), heading)
-
-    def _truth_now(self) -> Reading:
-        """Return the truth at the step's beginning: the last substep's, unless what counts was switched since."""
-        q, T = self.true_state
-        if self._readings and self._checked_off == self.off_states:
-            return self._readings[-1]
-        return self.truth.look(self._now_ns, q, T, self.off_states, self._true_tracks.let_off)
-
-    def _drive(self, trace: Trace) -> Travel:
-        """Tell the undercarriage how fast it may go."""
-        wanted, curvature = self._wanted_travel
-        if not wanted:
-            self._plant.travel(0.0, curvature)
-            return Travel(curvature=curvature)
-        pose, rails = self._known.pose, None
-        own = self._follower.track(self._tracks.own)
-        if pose is not None and own is not None and isinstance(self._place, RailPlace):
-            rails = believed_place(pose, self._place.network, own)
-        allowed, reasons = allowed_travel(
-            wanted, curvature, trace, self._known, rails, self._travel_ground, self._memory.gate.open
-        )
-        self._plant.travel(allowed, curvature)
-        return Travel(wanted, allowed, curvature=curvature, reasons=reasons)
-
-    def _substep(self, now_ns: int, q: Floats, T_site_machine: Floats) -> None:
-        """Let the sensors see one substep, and take in its truth."""
-        if self._source is not None:
-            self._source.advance(now_ns, q, T_site_machine)
-        self._true_tracks = self._standing_on(self._true_tracks, T_site_machine)
-        self._checked_off = self.off_states
-        self._readings.append(self.truth.check(now_ns, q, T_site_machine, self.off_states, self._true_tracks.let_off))
-
-    def _refuse_inside(self, q: Floats, T_site_machine: Floats) -> None:
-        """Take in the truth at the start; refuse a start inside a limit or with links in each other."""
-        self._checked_off = self.off_states
-        reading = self.truth.check(0, q, T_site_machine, self.off_states, self._true_tracks.let_off)
-        refuse_inside(reading, self.limit_name, self.stand.words)

@@ -4,7 +4,8 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from workgauge.rehearse.session import SUBSTEPS, Session
+from workgauge.rehearse.session import Session
+from workgauge.rehearse.true_machine import SUBSTEPS
 
 
 def run_facts(session: Session) -> dict[str, str]:

@@ -9,9 +9,12 @@ import hashlib
 import os
 import shutil
 import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numba
+from numba.core import event
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _NAME = "kernels-"
@@ -47,6 +50,32 @@ def folder(package: Path) -> Path:
                 shutil.rmtree(old, ignore_errors=True)
             return parent / name
     return Path(tempfile.mkdtemp(prefix=f"workgauge-{_NAME}"))
+
+
+@contextmanager
+def before_compiling(say: Callable[[], None]) -> Iterator[None]:
+    """Call `say` before the first function that is compiled while the context lasts, and only that once.
+
+    One that is taken back from the disk is not compiled, and nothing is said of it.
+    """
+    with event.install_listener("numba:compile", _First(say)):
+        yield
+
+
+class _First(event.Listener):
+    """Says the first of what begins."""
+
+    def __init__(self, say: Callable[[], None]) -> None:
+        self._say: Callable[[], None] | None = say
+
+    def on_start(self, _: event.Event) -> None:
+        """A function is about to be compiled."""
+        say, self._say = self._say, None
+        if say is not None:
+            say()
+
+    def on_end(self, _: event.Event) -> None:
+        """It is; there is nothing to say."""
 
 
 def _changed(path: Path) -> float:

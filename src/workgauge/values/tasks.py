@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
-from workgauge.values.arrays import Floats
+import numpy as np
+
+from workgauge.values.arrays import Floats, frozen
 
 
 class Orientation(StrEnum):
@@ -19,9 +21,13 @@ class ToolGoal:
     """A pose for the tool frame.
 
     Attributes:
-        T_site_tool: (4, 4) tool frame in the site's local frame [m].
+        T_site_tool: (4, 4) tool frame in the site's local frame [m]; kept as a read-only copy, row by row, so that
+            nothing changes under a job and one read from a log gives the same to the last bit.
         orientation: how much of its orientation counts.
     """
 
     T_site_tool: Floats
     orientation: Orientation = Orientation.FULL
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "T_site_tool", frozen(np.ascontiguousarray(self.T_site_tool)))

@@ -16,17 +16,21 @@ _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 def driven(driver: Driver, todo: Sequence[Task], jobs: int) -> Iterator[tuple[Task, Driven]]:
     """Drive what is to be done and yield each as it comes; in any order with several processes.
 
+    The first is always driven in this process: what has to be compiled is compiled once, and not in every other.
+
     Args:
         driver: for this process; others make their own of its subject. jobs: how many processes.
     """
-    if jobs <= 1 or len(todo) < 2:
-        for task in todo:
-            yield task, driver.drive(task)
+    here = todo if jobs <= 1 else todo[:1]
+    for task in here:
+        yield task, driver.drive(task)
+    others = todo[len(here) :]
+    if not others:
         return
     with _one_thread():
-        pool = multiprocessing.get_context("spawn").Pool(min(jobs, len(todo)), _Worker.made, (driver.subject,))
+        pool = multiprocessing.get_context("spawn").Pool(min(jobs, len(others)), _Worker.made, (driver.subject,))
     with pool:
-        yield from pool.imap_unordered(_Worker.drive, todo)
+        yield from pool.imap_unordered(_Worker.drive, others)
 
 
 class _Worker:
