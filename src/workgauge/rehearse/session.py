@@ -223,8 +223,8 @@ class Session:
     @property
     def T_believed(self) -> Floats | None:
         """Where simulated sensors have the machine in the site (4, 4), None where they are perfect or do not know."""
-        known = self._known.pose
-        return None if self._source is None or known is None else known.T_site_machine
+        known, source = self._belief.known.pose, self._belief.source
+        return None if source is None or known is None else known.T_site_machine
 
     @property
     def finished(self) -> bool:
