@@ -54,6 +54,11 @@ bench: $(VENV)/.bench
 	$(PY) benchmarks/approach.py --json
 	$(PY) benchmarks/chatter.py --json
 	$(PY) benchmarks/guard.py --drives 20 --json
+	$(PY) benchmarks/inverse.py --json
+	$(PY) benchmarks/tracking.py --json
+	$(PY) benchmarks/ballast.py --json
+	$(PY) benchmarks/preview.py --json
+	$(PY) benchmarks/cluttered.py --scenes 20 --json
 
 # Re-resolve the pinned versions. The lock names versions and hashes, never a host.
 lock: $(VENV)/.python

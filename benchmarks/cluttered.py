@@ -1,7 +1,7 @@
 """Random cluttered scenes: which are solved by a global plan, how long that takes, and whether it holds.
 
     python benchmarks/cluttered.py --json
-    python benchmarks/cluttered.py --scenes 200 --machine brokk5
+    python benchmarks/cluttered.py --scenes 200 --machine brokk5 --jobs 2 --journal cluttered.jsonl
 
 Poles, a track envelope and a wagon, drawn at random round the machine (`workgauge.rehearse.cluttered`); from one
 clear posture to another. A plan keeps 0.05 m above every stop distance (0.2 m).
@@ -16,254 +16,168 @@ because the straight joint line is free. `invalid`: a dense search of the way (a
 corner moves) found a clearance that is not kept. `seconds` are of the processor, over the scenes whose straight line
 is not free. `longer`: the duration over that of the straight joint line at full joint speeds. `unsolved`: seed and
 reason. `entered`: scenes in which a driven machine was inside a limit or itself; of what is driven `invalid` counts
-clearances below their stop distances by more than 0.1 mm.
+clearances below their stop distances by more than 0.1 mm. `hurried`: plans ended by the clock, which another run may
+not find.
+
+With `--journal` what a method made of a scene is appended to a file as soon as it is there, and a run that is started
+again with the same file goes on where it stopped; results of other settings in it are left alone.
 """
 
 import argparse
-import itertools
+import hashlib
 import json
 import math
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+import multiprocessing
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
-import numpy as np
+for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_threads, "1")  # before numpy: one scene, one core
 
-from workgauge.guard.barrier import BarrierGuard
-from workgauge.loop.config import search_radius_m, tick_config
-from workgauge.machine.load import load_machine
-from workgauge.machine.model import MachineModel
-from workgauge.motion.ik.task import orientation_of
-from workgauge.motion.job import Job
-from workgauge.motion.looking_ahead import Surroundings
-from workgauge.motion.plan.global_plan import GlobalPlan, NoPlan, plan_global
-from workgauge.motion.plan.shortening import duration_s
-from workgauge.motion.planning import Pace, plan_waypoints
-from workgauge.motion.way_round import way_round
-from workgauge.rehearse.cluttered import Cluttered, cluttered
-from workgauge.rehearse.joints import moving
-from workgauge.rehearse.preview import Preview, preview
-from workgauge.values.arrays import Floats
-from workgauge.values.tasks import ToolGoal
+import numpy as np  # noqa: E402
+from cluttered_methods import (  # noqa: E402
+    BOTH,
+    CLEARANCE_M,
+    KEPT_M,
+    LOCAL,
+    METHODS,
+    SECONDS,
+    STOP_DISTANCE_M,
+    THERE,
+    TICK_S,
+    VERSIONS,
+    Outcome,
+    outcomes,
+    warmed,
+)
+from rich.console import Console  # noqa: E402
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: E402
 
-STOP_DISTANCE_M, CLEARANCE_M, SECONDS = 0.2, 0.05, 60.0
-TICK_S, TICK_RADIUS_M = 0.02, 7.0
-#: How near to its goal a driven tool has to come.
-THERE: dict[str, Any] = {"tolerance_m": 0.02, "tolerance_rad": math.radians(1.0)}
-SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+from workgauge.machine.load import load_machine  # noqa: E402
+from workgauge.machine.model import MachineModel  # noqa: E402
+from workgauge.rehearse.cluttered import cluttered  # noqa: E402
+
+#: (method, the scene's seed)
+Key = tuple[str, int]
+Results = dict[Key, Outcome]
+#: (machine, the scene's seed, methods, spacing of the dense search [m])
+Task = tuple[str, int, tuple[str, ...], float]
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What a method made of a scene.
+def fingerprint(machine: str, method: str, spacing_m: float) -> str:
+    """Return what marks results of these settings in a journal."""
+    told = [machine, method, VERSIONS[method], spacing_m, STOP_DISTANCE_M, CLEARANCE_M, SECONDS, TICK_S, THERE]
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
-    Attributes:
-        solved: whether the goal is reached. why: if not. seconds: of the processor. duration_s: of the motion.
-        kept_m: least clearance above its stop distance on the way, of a way driven or planned, by a dense search.
-        straight: whether it is the straight joint line. entered: whether a driven machine was inside anything.
+
+class Worker:
+    """Draws scenes of one machine in one process; made once there."""
+
+    machine: tuple[str, MachineModel] | None = None
+
+    @classmethod
+    def run(cls, task: Task) -> list[tuple[Key, Outcome]]:
+        """Return what some methods make of a scene."""
+        name, seed, methods, spacing_m = task
+        if cls.machine is None or cls.machine[0] != name:
+            cls.machine = name, load_machine(name)
+            warmed(cluttered(cls.machine[1], 0, stop_distance_m=STOP_DISTANCE_M))
+        try:
+            drawn = cluttered(cls.machine[1], seed, stop_distance_m=STOP_DISTANCE_M)
+            return [((method, seed), outcome) for method, outcome in outcomes(drawn, methods, spacing_m)]
+        except Exception as error:
+            raise RuntimeError(f"{name}, scene {seed}: {type(error).__name__}: {error}") from error
+
+
+class Journal:
+    """Results on disk, one line each, appended as they come.
+
+    Args:
+        path: the file, None for none. marks: method to what marks its results there.
     """
 
-    solved: bool
-    why: str
-    seconds: float
-    duration_s: float | None = None
-    kept_m: float | None = None
-    straight: bool = False
-    entered: bool = False
+    def __init__(self, path: Path | None, marks: Mapping[str, str]) -> None:
+        self._path, self._marks = path, marks
+
+    def known(self, wanted: set[Key]) -> Results:
+        """Return the wanted results that are in the file; a last line cut off by a crash is forgotten."""
+        found: Results = {}
+        if self._path is None or not self._path.exists():
+            return found
+        for line in self._path.read_text().splitlines():
+            try:
+                entry = json.loads(line)
+                key = (entry["method"], entry["seed"])
+                if key in wanted and entry["settings"] == self._marks[key[0]]:
+                    found[key] = Outcome(**entry["outcome"])
+            except (ValueError, KeyError, TypeError):
+                continue
+        return found
+
+    def append(self, results: Iterable[tuple[Key, Outcome]]) -> None:
+        """Add results to the file."""
+        if self._path is None:
+            return
+        with self._path.open("a+b") as file:
+            if file.tell():
+                file.seek(-1, os.SEEK_END)
+                if file.read(1) != b"\n":
+                    file.write(b"\n")
+            for (method, seed), outcome in results:
+                entry = {"method": method, "seed": seed, "settings": self._marks[method], "outcome": asdict(outcome)}
+                file.write(json.dumps(entry).encode() + b"\n")
 
 
-#: A method takes a scene and the spacing of the dense search [m].
-Method = Callable[[Cluttered, float], Outcome]
+def measured(tasks: Sequence[Task], journal: Journal, jobs: int, console: Console) -> Results:
+    """Return what every method makes of every scene, what the journal has as it is there."""
+    results = journal.known({(method, task[1]) for task in tasks for method in task[2]})
+    work = []
+    for machine, seed, methods, spacing_m in tasks:
+        alone = results.get((LOCAL, seed))
+        if BOTH in methods and alone is not None and alone.solved:
+            results.setdefault((BOTH, seed), alone)  # there was nothing left to plan
+        missing = tuple(method for method in methods if (method, seed) not in results)
+        if missing:
+            work.append((machine, seed, missing, spacing_m))
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        bar = progress.add_task("scenes", total=len(tasks), completed=len(tasks) - len(work))
+        for done in _mapped(Worker.run, work, jobs):
+            journal.append(done)
+            results |= dict(done)
+            progress.advance(bar)
+    return results
 
 
-def planned(task: Cluttered, spacing_m: float) -> Outcome:
-    """Return what the global plan makes of a scene."""
-    began = time.process_time()
-    plan = plan_global(
-        *(task.scene, task.scene.machine, task.T_site_machine, task.q_start, task.q_goal),
-        clearance_m=CLEARANCE_M,
-        stop_distance_m=STOP_DISTANCE_M,
-        seed=task.seed,
-        seconds=SECONDS,
-    )
-    seconds = time.process_time() - began
-    if not isinstance(plan, GlobalPlan):
-        return Outcome(False, plan.why, seconds)
-    kept = least_surplus(task, plan.waypoints, spacing_m)
-    straight = len(plan.waypoints) <= 1 + max(1, len(task.scene.machine.exclusive_groups))
-    return Outcome(True, "", seconds, plan.duration_s, kept, straight and plan.looks < 200)
+def _mapped(function: Callable[..., Any], work: list[Any], jobs: int) -> Iterator[Any]:
+    if jobs == 1 or len(work) < 2:
+        yield from map(function, work)
+        return
+    with multiprocessing.get_context("spawn").Pool(min(jobs, len(work))) as pool:
+        yield from pool.imap_unordered(function, work)
 
 
-def least_surplus(task: Cluttered, lines: Floats, spacing_m: float) -> float:
-    """Return the least clearance above its stop distance along straight joint lines, closely looked at [m]."""
-    machine, least = task.scene.machine, math.inf
-    for a, b in itertools.pairwise(lines):
-        count = 2
-        while True:
-            postures = a + np.linspace(0.0, 1.0, count)[:, None] * (b - a)
-            step = np.linalg.norm(np.diff([corners(machine, q) for q in postures], axis=0), axis=-1).max()
-            if step <= spacing_m:
-                break
-            count = 1 + math.ceil(1.05 * (count - 1) * step / spacing_m)
-        for q in postures:
-            found = task.scene.query(machine.forward(q), task.T_site_machine, STOP_DISTANCE_M + 2.0 * CLEARANCE_M)
-            stops = np.where(np.isnan(found.stop_distances), STOP_DISTANCE_M, found.stop_distances)
-            least = min(least, float((found.distances - stops).min(initial=math.inf)))
-    return least
-
-
-def corners(machine: MachineModel, q: Floats) -> Floats:
-    """Return the corners (S, 8, 3) of the machine's boxes, machine frame [m]."""
-    poses, halves = machine.solid_poses(machine.forward(q))
-    placed: Floats = SIGNS * halves[:, None, :] @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
-    return placed
-
-
-def straight_s(task: Cluttered) -> float:
-    """Return how long the straight joint line to the goal takes, whatever is in the way."""
-    machine = task.scene.machine
-    turns = np.round((task.q_start - task.q_goal) / (2.0 * np.pi))
-    return duration_s(machine, [task.q_start, task.q_goal + np.where(machine.continuous, 2.0 * np.pi * turns, 0.0)])
-
-
-def summary(name: str, tasks: Sequence[Cluttered], outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Return what a method made of all scenes."""
-    hard = [outcome.seconds for outcome in outcomes if not outcome.straight] or [math.nan]
-    longer = [
-        outcome.duration_s / straight_s(task)
-        for task, outcome in zip(tasks, outcomes, strict=True)
-        if outcome.duration_s is not None and not outcome.straight
-    ]
+def summary(method: str, found: Mapping[int, Outcome]) -> dict[str, Any]:
+    """Return what a method made of all scenes, given by seed."""
+    blocked = [one for one in found.values() if not one.straight]
+    seconds = [one.seconds for one in blocked] or [math.nan]
+    longer = [one.duration_s / one.straight_s for one in blocked if one.solved and one.duration_s is not None]
     return {
-        "method": name,
-        "solved": sum(outcome.solved for outcome in outcomes),
-        "straight": sum(outcome.straight for outcome in outcomes),
-        "invalid": sum(outcome.kept_m is not None and outcome.kept_m < KEPT_M[name] for outcome in outcomes),
-        "entered": sum(outcome.entered for outcome in outcomes),
-        "unsolved": {task.seed: one.why for task, one in zip(tasks, outcomes, strict=True) if not one.solved},
-        "seconds_median": float(np.median(hard)),
-        "seconds_p90": float(np.percentile(hard, 90)),
+        "method": method,
+        "solved": sum(one.solved for one in found.values()),
+        "straight": sum(one.straight for one in found.values()),
+        "invalid": sum(one.kept_m is not None and one.kept_m < KEPT_M[method] for one in found.values()),
+        "entered": sum(one.entered for one in found.values()),
+        "hurried": sum(one.hurried for one in found.values()),
+        "unsolved": {seed: one.why for seed, one in found.items() if not one.solved},
+        "seconds_median": float(np.median(seconds)),
+        "seconds_p90": float(np.percentile(seconds, 90)),
         "longer_median": float(np.median(longer)) if longer else None,
     }
-
-
-def measure(
-    machine: MachineModel, seeds: Sequence[int], methods: dict[str, Method], spacing_m: float
-) -> dict[str, Any]:
-    """Return what each method makes of the scenes of the seeds."""
-    warm = cluttered(machine, 0, stop_distance_m=STOP_DISTANCE_M)
-    for method in methods.values():
-        method(warm, 1.0)
-    tasks = [cluttered(machine, seed, stop_distance_m=STOP_DISTANCE_M) for seed in seeds]
-    outcomes = {name: [method(task, spacing_m) for task in tasks] for name, method in methods.items()}
-    rows = [
-        {"seed": task.seed} | {name: asdict(outcomes[name][i]) for name in methods} for i, task in enumerate(tasks)
-    ]
-    summaries = [summary(name, tasks, outcomes[name]) for name in methods]
-    return {"machine": machine.name, "scenes": len(tasks), "methods": summaries, "rows": rows}
-
-
-class Driver:
-    """Drives jobs in a scene by the real tick."""
-
-    def __init__(self, task: Cluttered) -> None:
-        machine = task.scene.machine
-        guard = BarrierGuard(stop_distance_m=STOP_DISTANCE_M)
-        moves = moving("hydraulic", machine)
-        radius_m = search_radius_m(guard, task.scene.limits)
-        self._task, self._joints, self._q = task, moves.joints, task.q_start
-        self._config = tick_config(
-            *(machine, guard),
-            machine_id=machine.name,
-            dt_s=TICK_S,
-            radius_m=max(radius_m, TICK_RADIUS_M),
-            tool_sigma_m=0.0,
-            drive=moves.drive,
-        )
-        self.seen: Preview | None = None
-
-    @property
-    def came(self) -> Floats:
-        """The postures (k, n) it came by, five a second, the present one last."""
-        assert self.seen is not None
-        every: Floats = self.seen.q[::-10][::-1]
-        return every
-
-    def drive(self, jobs: Sequence[Job]) -> Preview:
-        """Drive jobs from where the machine is."""
-        task, before = self._task, self.seen
-        if before is None:
-            now = preview(self._config, task.scene, self._q, task.T_site_machine, jobs, self._joints)
-        else:
-            after = before.after
-            now = preview(
-                *(self._config, task.scene, after.q, task.T_site_machine, jobs, after.joints),
-                now_ns=after.now_ns,
-                memory=after.memory,
-            )
-        self.seen = now if before is None else before.then(now)
-        return now
-
-    def outcome(self, solved: bool, why: str, began: float) -> Outcome:
-        """Return what came of it."""
-        assert self.seen is not None
-        seconds = time.process_time() - began
-        least = least_at(self._task, self.seen.q)
-        entered = min((one.clearance_m for one in self.seen.least.values()), default=math.inf) < 0.0
-        return Outcome(solved, why, seconds, self.seen.duration_s, least, entered=entered)
-
-
-def local(task: Cluttered, _: float) -> Outcome:
-    """Return what going for the goal, round what blocks it, makes of a scene."""
-    began, driver = time.process_time(), Driver(task)
-    done = driver.drive([going(task)])
-    return driver.outcome(done.completed, done.why, began)
-
-
-def local_then_planned(task: Cluttered, _: float) -> Outcome:
-    """Return what going for the goal makes of a scene, and a global plan from where that comes no nearer."""
-    began, driver = time.process_time(), Driver(task)
-    done = driver.drive([going(task)])
-    if done.completed:
-        return driver.outcome(True, "", began)
-    machine = task.scene.machine
-    plan = way_round(
-        *(Surroundings(task.scene, task.T_site_machine, STOP_DISTANCE_M), machine, driver.came, task.q_goal[None]),
-        clearance_m=CLEARANCE_M,
-        seed=task.seed,
-        seconds=SECONDS,
-    )
-    if isinstance(plan, NoPlan):
-        return driver.outcome(False, plan.why, began)
-    motions = plan_waypoints(machine, plan, Pace(), words="way round")
-    jobs = [
-        Job(f"{motion.words} {i}", trajectory=motion.trajectory, on_path=False, **THERE)
-        for i, motion in enumerate(motions)
-    ]
-    done = driver.drive(jobs)
-    return driver.outcome(done.completed, done.why, began)
-
-
-def going(task: Cluttered) -> Job:
-    """Return the job of bringing the tool to a scene's goal."""
-    goal = ToolGoal(task.T_site_tool, orientation_of(task.scene.machine))
-    return Job("goal", goal=goal, **THERE)
-
-
-def least_at(task: Cluttered, postures: Floats) -> float:
-    """Return the least clearance above its stop distance at postures (k, n) [m]."""
-    machine, least = task.scene.machine, math.inf
-    for q in postures:
-        found = task.scene.query(machine.forward(q), task.T_site_machine, STOP_DISTANCE_M + 2.0 * CLEARANCE_M)
-        stops = np.where(np.isnan(found.stop_distances), STOP_DISTANCE_M, found.stop_distances)
-        least = min(least, float((found.distances - stops).min(initial=math.inf)))
-    return least
-
-
-METHODS: dict[str, Method] = {"global plan": planned, "local": local, "local, then plan": local_then_planned}
-#: What each method promises to keep above every stop distance [m].
-KEPT_M = {"global plan": CLEARANCE_M, "local": -1e-4, "local, then plan": -1e-4}
 
 
 def main() -> None:
@@ -272,20 +186,30 @@ def main() -> None:
     parser.add_argument("--machine", default="rre20")
     parser.add_argument("--scenes", type=int, default=20)
     parser.add_argument("--first", type=int, default=0, help="the first scene's seed")
-    parser.add_argument("--method", action="append", choices=list(METHODS), help="only this one; may be repeated")
+    parser.add_argument("--method", action="append", choices=METHODS, help="only this one; may be repeated")
     parser.add_argument("--spacing-mm", type=float, default=5.0, help="of the dense search")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--journal", type=Path, help="file of results, to go on from")
     parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
-    seeds = range(given.first, given.first + given.scenes)
-    methods = {name: METHODS[name] for name in given.method or METHODS}
-    found = measure(load_machine(given.machine), seeds, methods, given.spacing_mm / 1000.0)
-    if given.json:
-        print(json.dumps(found, indent=1))
-        return
-    for one in found["methods"]:
+    asked = parser.parse_args()
+    if asked.scenes < 1 or asked.jobs < 1 or not 0.0 < asked.spacing_mm < math.inf:
+        parser.error("--scenes, --jobs and --spacing-mm must be above 0")
+    methods = tuple(method for method in METHODS if asked.method is None or method in asked.method)
+    spacing_m, seeds = asked.spacing_mm / 1000.0, range(asked.first, asked.first + asked.scenes)
+    journal = Journal(asked.journal, {method: fingerprint(asked.machine, method, spacing_m) for method in methods})
+    tasks = [(asked.machine, seed, methods, spacing_m) for seed in seeds]
+    results = measured(tasks, journal, asked.jobs, Console(file=sys.stderr))
+    summaries = [summary(method, {seed: results[method, seed] for seed in seeds}) for method in methods]
+    if asked.json:
+        rows = [{"seed": seed} | {method: asdict(results[method, seed]) for method in methods} for seed in seeds]
         print(
-            f"{one['method']}: {one['solved']} of {found['scenes']} solved ({one['straight']} straight), "
-            f"{one['invalid']} invalid, {one['entered']} entered, "
+            json.dumps({"machine": asked.machine, "scenes": len(seeds), "methods": summaries, "rows": rows}, indent=1)
+        )
+        return
+    for one in summaries:
+        print(
+            f"{one['method']}: {one['solved']} of {len(seeds)} solved ({one['straight']} straight), "
+            f"{one['invalid']} invalid, {one['entered']} entered, {one['hurried']} hurried, "
             f"{one['seconds_median']:.2f} s median, {one['seconds_p90']:.2f} s 90 %"
         )
         for seed, why in one["unsolved"].items():

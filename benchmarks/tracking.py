@@ -28,8 +28,8 @@ import numpy as np
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
 from workgauge.machine.stopping import StoppingModel
-from workgauge.motion.follow import FollowSettings
 from workgauge.motion.predict import STEADY
+from workgauge.motion.wish import FollowSettings
 from workgauge.rehearse.auto_steps import FollowPath, PathPoint
 from workgauge.rehearse.hydraulic_choice import HydraulicChoice, Joints
 from workgauge.rehearse.run import run_session

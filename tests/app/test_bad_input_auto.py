@@ -132,7 +132,13 @@ PLANNED = {
         f"do: go_to, orientation: full, {GOAL}",
         "rre20",
         "finland",
-        r"orientation: an orientation needs rpy_deg \(found full",
+        r"orientation: an orientation needs rpy_deg \(found full.*free, or rpy_deg",
+    ),
+    "longer than its step": (
+        follow("{at_m: [4.5, 0, 1.5]}", "{at_m: [5.0, 0, 1.5]}", "{at_m: [4.5, 0, 1.5]}", more="repeat: 1000, "),
+        "rre20",
+        "finland",
+        r"the path takes 2000 s at least.*found 1000\.0 m at 0\.5 m/s.*at_most_s of at least 2000",
     ),
 }
 

@@ -17,7 +17,7 @@ def test_the_example_runs(
     (tmp_path / "tracks.xml").symlink_to(site / "tracks.xml")
     (tmp_path / "poles.xml").symlink_to(site / "catenary.xml")
     monkeypatch.chdir(tmp_path)
-    first, ranges = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
+    first, ranges, *_ = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
     exec(compile(first, str(PAGE), "exec"), {})
     rows = capsys.readouterr().out.splitlines()
     assert len(rows) >= 100
@@ -26,3 +26,13 @@ def test_the_example_runs(
     exec(compile(barrier.replace("range(100)", "range(3)") + ranges, str(PAGE), "exec"), {})
     said = capsys.readouterr().out
     assert re.search(r"swing: -\d\.\d\d to \+\d\.\d\d rad/s", said) and "tool forward:" in said
+
+
+def test_the_job_is_done_as_foreseen(capsys: pytest.CaptureFixture[str]) -> None:
+    begin = "session = Session()\nfor enable in (False, True):\n    session.step(session.intent(enable=enable))\n"
+    lift = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)[2]
+    imports = "from workgauge import Session\nfrom workgauge.values.measurements import DriveMode, Levers\n"
+    exec(compile(imports + begin + lift, str(PAGE), "exec"), {})
+    said = capsys.readouterr().out
+    found = re.fullmatch(r"done after (\d+\.\d) s, (\d+\.\d) s foreseen\n", said)
+    assert found and abs(float(found[1]) - float(found[2])) <= 0.1, said

@@ -10,7 +10,7 @@ from workgauge.values.measurements import DriveMode
 
 def test_the_exit_step_holds_its_lever_forward_for_its_time():
     steps = [Hold(do="hold", for_s=0.1), DriveOut(do="exit", lever=0.7, for_s=1.0)]
-    operator = Operator(steps, None, None)
+    operator = Operator(steps, None, None, None)
     modes = {}
     for k in range(200):
         hands = operator.hands(View(k * 0.01, frozen([0.0]), frozen([[0.0]]), frozen([0.0] * 3), 0.0))

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from workgauge.machine.model import Kinematics, MachineModel
-from workgauge.motion.follow import FollowSettings
 from workgauge.motion.inverse import HYSTERESIS, Damping, Solution, damped_inverse, tool_motion
 from workgauge.motion.joystick import LeverFeel, joint_velocity, ramped_levers, shaped, tool_twist
 from workgauge.motion.line import line_twist, unit_direction
 from workgauge.motion.position import position_rates
+from workgauge.motion.wish import FollowSettings
 from workgauge.values.arrays import Floats, freeze
 from workgauge.values.measurements import DriveMode, Intent
 from workgauge.values.reasons import Reason, ReasonCode

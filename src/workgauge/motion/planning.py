@@ -10,6 +10,7 @@ from workgauge.motion.ik.closed_form import ClosedForm, closed_form
 from workgauge.motion.ik.solve import SolveSettings, solve
 from workgauge.motion.ik.task import orientation_of
 from workgauge.motion.paths.joint_path import Inverse, JointPath, Unreachable, joint_path
+from workgauge.motion.paths.rounded import Kept
 from workgauge.motion.paths.timing import timed, timed_joints
 from workgauge.motion.paths.tool_path import ToolPath
 from workgauge.motion.paths.trajectory import Trajectory
@@ -174,8 +175,14 @@ def plan_joints(machine: MachineModel, q: Floats, to: Floats, pace: Pace, *, wor
     return plan_waypoints(machine, np.array(waypoints), pace, words=words)
 
 
-def plan_waypoints(machine: MachineModel, waypoints: Floats, pace: Pace, *, words: str) -> list[Motion]:
-    """Return the motions through postures (k, n): one without a stop, or one after the other where groups change."""
+def plan_waypoints(
+    machine: MachineModel, waypoints: Floats, pace: Pace, *, words: str, kept: Kept | None = None
+) -> list[Motion]:
+    """Return the motions along straight joint lines between postures (k, n), one after the other where groups change.
+
+    Args:
+        kept: which corners may be rounded, see `timed_joints`; at the others the machine stands.
+    """
     if len(waypoints) < 2:
         return []
     runs: list[list[Floats]] = []
@@ -186,7 +193,9 @@ def plan_waypoints(machine: MachineModel, waypoints: Floats, pace: Pace, *, word
             runs.append([a])
         runs[-1].append(b)
         before = group
-    return [Motion(timed_joints(np.array(run), machine, speed_share=pace.share), None, words) for run in runs]
+    return [
+        Motion(timed_joints(np.array(run), machine, kept=kept, speed_share=pace.share), None, words) for run in runs
+    ]
 
 
 def holdable(machine: MachineModel, wanted: Orientation, words: str) -> Orientation:

@@ -6,12 +6,16 @@ import numpy as np
 
 from workgauge.machine.model import MachineModel
 from workgauge.motion.looking_ahead import Surroundings
+from workgauge.motion.paths.rounded import clashing
 from workgauge.motion.plan.global_plan import GlobalPlan, NoPlan, NoPlanReason, plan_global
+from workgauge.motion.plan.rounding import passable
 from workgauge.motion.plan.validity import Need, Validity
 from workgauge.values.arrays import Floats
 
 #: Of the way it came, postures that differ by less than this in every joint are one [rad, m].
 SAME = 0.02
+#: A joint that differs by no more than this has not moved [rad, m].
+NOTHING = 1e-6
 #: What it backs out to has this much more room than a plan keeps [m].
 MORE_M = 0.02
 
@@ -33,7 +37,8 @@ def way_round(
     """Return waypoints (k, n) from where the machine is to one of the goals, or why there are none.
 
     Where the machine stands too near to something for a plan to begin, it first goes back along the way it came, to
-    the last posture with room; that much of the way is not proven, but it was driven.
+    the last posture with room. Of that way postures are left out where the line past them is proven to keep what its
+    ends have; lines between postures that follow each other were driven, more or less.
 
     Args:
         around: what stands around. came: (m, n), m >= 1, postures it came by, the present one last.
@@ -71,7 +76,8 @@ def way_round(
             onward = plan(back[k])
             if isinstance(onward, NoPlan):
                 return onward
-            return groupwise(machine, np.concatenate([back[:k], onward.waypoints]))
+            out = straightened(machine, back[: k + 1], passable(around, clearance_m))
+            return groupwise(machine, np.concatenate([out[:-1], onward.waypoints]))
     return found
 
 
@@ -86,14 +92,39 @@ def thinned(postures: Floats) -> Floats:
     return np.array(kept)
 
 
+def straightened(machine: MachineModel, postures: Floats, kept: Callable[[Floats, Floats], bool]) -> Floats:
+    """Return postures (k, n), the ends among them, without those that a line that is kept goes past.
+
+    Args:
+        kept: which lines may be driven. Of joints that cannot move together no line moves two groups.
+    """
+    found, i = [postures[0]], 0
+    while i < len(postures) - 1:
+        j = step = 1
+        while i + j + step < len(postures):
+            ends = postures[i], postures[i + j + step]
+            if clashing(machine, (ends[1] != ends[0])[None])[0] >= 0 or not kept(*ends):
+                break
+            j, step = j + step, 2 * step
+        i += j
+        found.append(postures[i])
+    return np.array(found)
+
+
 def groupwise(machine: MachineModel, waypoints: Floats) -> Floats:
-    """Return waypoints (k, n) between which one exclusive group moves at a time, the others waiting at the ends."""
+    """Return waypoints (k, n) between which one exclusive group moves at a time, the others waiting at the ends.
+
+    Joints that are where they were but for `NOTHING` have not moved.
+    """
     groups = machine.exclusive_groups
     if not groups:
         return waypoints
     found = [waypoints[0]]
-    for q in waypoints[1:]:
+    for wanted in waypoints[1:]:
         at = found[-1]
+        q = np.where(np.abs(wanted - at) > NOTHING, wanted, at)
+        if (q == at).all():
+            continue
         moved = [list(group) for group in groups if np.abs(q[list(group)] - at[list(group)]).max() > 0.0]
         for group in moved[:-1]:
             at = at.copy()

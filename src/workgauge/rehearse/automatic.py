@@ -16,6 +16,7 @@ from workgauge.motion.job import Job
 from workgauge.motion.looking_ahead import Ahead, Surroundings, looked_ahead
 from workgauge.motion.paths.tool_path import ToolPath
 from workgauge.motion.plan.global_plan import NoPlan
+from workgauge.motion.plan.rounding import roundable
 from workgauge.motion.planning import (
     Motion,
     Pace,
@@ -92,20 +93,28 @@ class Automatic:
         self._form = closed_form(machine)
         self._count = itertools.count(1)
 
-    def checked(self, steps: Iterable[Step], q: Floats, T_site_machine: Floats) -> tuple[str, ...]:
-        """Plan every automatic step from where the one before it ends, and return what is to be said beforehand.
+    def planned(self, steps: Iterable[Step], q: Floats, T_site_machine: Floats) -> dict[int, Planned]:
+        """Return what every automatic step comes to, begun where the one before it ends, by its number from 1.
 
         Raises:
             ScenarioError: for the first step that cannot be done, with where and why.
         """
-        notes: list[str] = []
+        found: dict[int, Planned] = {}
         for number, step in enumerate(steps, 1):
             if isinstance(step, AutoStep):
                 with in_step(number):
-                    planned = self.begun(step, q, T_site_machine)
-                q = planned.q_end
-                notes += [f"step {number}: {note}" for note in planned.notes]
-        return tuple(notes)
+                    found[number] = self.begun(step, q, T_site_machine)
+                q = found[number].q_end
+        return found
+
+    def checked(self, steps: Iterable[Step], q: Floats, T_site_machine: Floats) -> tuple[str, ...]:
+        """Return what is to be said of the automatic steps beforehand.
+
+        Raises:
+            ScenarioError: as `planned`.
+        """
+        found = self.planned(steps, q, T_site_machine)
+        return tuple(f"step {number}: {note}" for number, planned in found.items() for note in planned.notes)
 
     def begun(self, step: AutoStep, q: Floats, T_site_machine: Floats) -> Planned:
         """Return the jobs of a step that begins at posture q (n,).
@@ -132,6 +141,12 @@ class Automatic:
         Args:
             came: (m, n) postures it came by, the present one last.
         """
+        try:
+            return self._round(step, came, T_site_machine)
+        except InputError as error:  # a planner that is not installed, a way that cannot be timed
+            return str(error)
+
+    def _round(self, step: GoTo, came: Floats, T_site_machine: Floats) -> Planned | str:
         goal = self._pose(step.goal, step, T_site_machine)
         orientation = self._counts(step, step.goal.rpy_deg is not None)
         near = reaching(self._machine, self._form, inverse(T_site_machine) @ goal, orientation, came[-1])
@@ -140,7 +155,7 @@ class Automatic:
         found = self._through(came, np.array(near))
         if isinstance(found, NoPlan):
             return found.why
-        motions = plan_waypoints(self._machine, found, _pace(step), words="way round")
+        motions = self._driven(found, step, "way round")
         return Planned(self._jobs(motions, step), found[-1])
 
     def _path(self, step: FollowPath, q: Floats, T_site_machine: Floats) -> Planned:
@@ -155,6 +170,14 @@ class Automatic:
             path = ToolPath.spline(places, turns, orientation=orientation)
         else:
             path = ToolPath.polyline(places, turns, orientation=orientation, blend_m=step.blend_mm * 1e-3)
+        least_s = path.length_m / step.speed_m_s
+        if least_s > step.at_most_s:
+            raise ScenarioError(
+                f"the path takes {least_s:.0f} s at least, longer than its step may",
+                element="points",
+                value=f"{path.length_m:.1f} m at {step.speed_m_s:g} m/s",
+                allowed=f"at_most_s of at least {math.ceil(least_s)}, a faster tool, or fewer repeats",
+            )
         *approach, along = plan_path(self._machine, T_site_machine, q, path, _pace(step))
         start = along.trajectory.q[0]
         notes: list[str] = []
@@ -200,7 +223,7 @@ class Automatic:
         else:
             return Planned((self._loop(goal, step),), free[0])
         if not motions:
-            return Planned((), q)
+            return Planned((), q, ("the tool is at its goal already",))
         if self._seen(motions).worst_m >= 0.0 and not self._inside(motions[-1].trajectory.q[-1]):
             return Planned(self._jobs(motions, step), motions[-1].trajectory.q[-1])
         note = f"the straight way is not free ({self._words(self._seen(motions))}): the tool will look for its way"
@@ -224,12 +247,17 @@ class Automatic:
         found = self._through(q[None], start[None])
         if isinstance(found, NoPlan):
             raise ScenarioError("no way to the path's first point was found", element="points", value=found.why)
-        return plan_waypoints(self._machine, found, _pace(step), words="to the path")
+        return self._driven(found, step, "to the path")
 
     def _through(self, came: Floats, goals: Floats) -> Floats | NoPlan:
         return way_round(
             *(self._around(), self._machine, came, goals), clearance_m=PLAN_KEEPS_M, seconds=PLAN_SECONDS
         )
+
+    def _driven(self, waypoints: Floats, step: AutoStep, words: str) -> list[Motion]:
+        """Return the motions along a plan, corners rounded where that is proven to keep what the plan does."""
+        kept = roundable(self._around(), PLAN_KEEPS_M)
+        return plan_waypoints(self._machine, waypoints, _pace(step), words=words, kept=kept)
 
     def _refused(self, seen: Ahead, deviation_m: float, words: str) -> list[str]:
         """Return what is said of a way into limits; refuse one that goes in farther than it may give way."""
@@ -277,7 +305,12 @@ class Automatic:
         if step.orientation is None:
             return orientation_of(self._machine) if turned else Orientation.FREE
         if step.orientation is not Orientation.FREE and not turned:
-            raise ScenarioError("an orientation needs rpy_deg", element="orientation", value=step.orientation.value)
+            raise ScenarioError(
+                "an orientation needs rpy_deg",
+                element="orientation",
+                value=step.orientation.value,
+                allowed="free, or rpy_deg beside at_m",
+            )
         return holdable(self._machine, step.orientation, "step")
 
     def _jobs(self, motions: Sequence[Motion], step: AutoStep) -> tuple[Job, ...]:

@@ -1,7 +1,7 @@
 """The operator of a rehearsal: goes through the drive's steps and moves the levers as each one says."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -10,7 +10,7 @@ import numpy as np
 from workgauge.machine.model import MachineModel
 from workgauge.motion.job import Job, JobFacts, JobState
 from workgauge.rehearse.auto_steps import GoTo, GradeSurface
-from workgauge.rehearse.automatic import Automatic, AutoStep, in_step
+from workgauge.rehearse.automatic import Automatic, AutoStep
 from workgauge.rehearse.scenario import DriveBack, DriveLine, DriveOut, Hold, MoveLevers, Step, Swing, WaitForTravel
 from workgauge.rehearse.targets import Targets
 from workgauge.values.arrays import Floats, frozen
@@ -203,13 +203,11 @@ class _Back:
 class _Automatic:
     """Let the program do the jobs of a step, one after the other; where it is stuck, look for a way round once."""
 
-    def __init__(self, step: AutoStep, view: View, automatic: Automatic) -> None:
+    def __init__(self, step: AutoStep, view: View, automatic: Automatic, say: Callable[[str], None]) -> None:
+        self._say = say
         self.words = {"go_to": "go to"}.get(step.do, step.do)
         self._step, self._automatic = step, automatic
-        # a surface lies where the site has it: what is believed of the machine's place is an error of the edge's
-        believed = view.T_believed if isinstance(step, GradeSurface) else None
-        T = view.T_site_machine if believed is None else believed
-        self._jobs = list(automatic.begun(step, view.q, T).jobs)
+        self._jobs = self._begun(view)
         self._end_s = view.t_s + step.at_most_s
         self._levers = Levers(right_y=step.pace)
         self._planned = not (isinstance(step, GoTo) and step.plan)
@@ -230,13 +228,27 @@ class _Automatic:
             return None
         return Hands(DriveMode.AUTO, self._levers, job=self._jobs[0])
 
+    def _begun(self, view: View) -> list[Job]:
+        """Return the jobs of the step from where the machine stands now; none if it cannot be done from here."""
+        # a surface lies where the site has it: what is believed of the machine's place is an error of the edge's
+        believed = view.T_believed if isinstance(self._step, GradeSurface) else None
+        T = view.T_site_machine if believed is None else believed
+        try:
+            return list(self._automatic.begun(self._step, view.q, T).jobs)
+        except ScenarioError as error:
+            self._say(f"cannot be done from where the machine stands by then, left out: {error}")
+            return []
+
     def _round(self, view: View) -> list[Job]:
         """Return the jobs of a way round, none if there is none or it has been tried."""
         if self._planned or not isinstance(self._step, GoTo):
             return []
         self._planned = True
         found = self._automatic.around_it(self._step, np.array([*self._came, view.q]), view.T_site_machine)
-        return [] if isinstance(found, str) else list(found.jobs)
+        if isinstance(found, str):
+            self._say(f"no way round was found: {found}")
+            return []
+        return list(found.jobs)
 
 
 class Operator:
@@ -257,6 +269,7 @@ class Operator:
         self._line: ToolLine | None = None
         self._pressing = False
         self.begun: list[tuple[str, float]] = []
+        self.notes: list[str] = []  # what there is to say of automatic steps that could not be done
 
     @property
     def step(self) -> int:
@@ -297,8 +310,8 @@ class Operator:
         if isinstance(step, WaitForTravel):
             return _Waiting(step, view)
         if isinstance(step, AutoStep):
-            with in_step(self._next + 1):
-                return _Automatic(step, view, self._automatic)
+            number = self._next + 1
+            return _Automatic(step, view, self._automatic, lambda said: self.notes.append(f"step {number}: {said}"))
         if isinstance(step, DriveBack):
             assert self._line is not None, "a scenario has no `back` without a line before it"
             return _Back(step, view, self._line)

@@ -8,7 +8,7 @@ import numpy as np
 
 from workgauge.motion.job import Job, JobState
 from workgauge.rehearse.auto_steps import GoTo
-from workgauge.rehearse.automatic import Automatic, AutoStep, in_step
+from workgauge.rehearse.automatic import Automatic, AutoStep, Planned, in_step
 from workgauge.rehearse.operator import CAME_EVERY_S
 from workgauge.rehearse.preview import Nearest, Preview
 from workgauge.rehearse.scenario import Step
@@ -145,14 +145,16 @@ def preview_drive(
             "nothing to preview", element="drive", value="no automatic step", allowed="go_to, follow and grade steps"
         )
     automatic = Automatic(session.machine, session.frame, session.surroundings, session.limit_names, session.site)
-    automatic.checked(steps, *session.true_state)
+    first = automatic.planned(steps, *session.true_state)[chosen[0][0]]
     others = {step.do for step in steps if not isinstance(step, AutoStep) and step.do != "hold"}
     left_out = [f"steps by hand: {', '.join(sorted(others))}"] if others else []
     done: list[StepPreview] = []
     last: Preview | None = None
     for number, step in chosen:
         with in_step(number):
-            last, notes = _previewed(session, automatic, step, last, progress)
+            T = session.true_state[1]
+            planned = first if last is None else automatic.begun(step, last.after.q, T)
+            last, notes = _previewed(session, automatic, step, planned, last, progress)
         done.append(StepPreview(number, step.do, last, notes))
         if not last.completed:
             later = [str(k) for k, _ in chosen if k > number]
@@ -165,12 +167,12 @@ def _previewed(
     session: Session,
     automatic: Automatic,
     step: AutoStep,
+    planned: Planned,
     before: Preview | None,
     progress: Callable[[float], None] | None,
 ) -> tuple[Preview, tuple[str, ...]]:
     """Return what would become of a step, and what planning says of it."""
-    q, T = session.true_state
-    planned = automatic.begun(step, q if before is None else before.after.q, T)
+    T = session.true_state[1]
 
     def run(jobs: Sequence[Job], since: Preview | None, left_s: float) -> Preview:
         after = None if since is None else since.after

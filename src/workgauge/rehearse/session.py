@@ -15,9 +15,9 @@ from workgauge.loop.memory import first_memory
 from workgauge.loop.tick import tick
 from workgauge.loop.warm import warm_up
 from workgauge.machine.model import MachineModel
-from workgauge.motion.follow import FollowSettings
 from workgauge.motion.job import Job
 from workgauge.motion.looking_ahead import Surroundings
+from workgauge.motion.wish import FollowSettings
 from workgauge.proximity.scene import Scene
 from workgauge.rehearse.belief import Belief
 from workgauge.rehearse.hydraulic_choice import Joints

@@ -20,7 +20,7 @@ from workgauge.loop.config import TickConfig, search_radius_m, tick_config
 from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
 from workgauge.motion.desired import MotionConfig
-from workgauge.motion.follow import FollowSettings
+from workgauge.motion.wish import FollowSettings
 from workgauge.proximity.scene import Scene
 from workgauge.rehearse.choices import chosen_files, chosen_guard, chosen_place, chosen_posture
 from workgauge.rehearse.hydraulic_choice import Joints
@@ -54,7 +54,8 @@ class Setting:
 
     Attributes:
         site, machine, rules, guard: loaded. tick_s: tick period [s]. brakes: of the undercarriage.
-        moving: what moves the joints, whose state goes on with them. start_utc: UTC at the start of the simulated time.
+        moving: what moves the joints, whose state goes on with them.
+        start_utc: UTC at the start of the simulated time.
         stand: where the machine stands at the start. frame: the site's local frame, near there.
         limit_set: in that frame. names: limit id to what a person calls it.
         scene: the limits around the machine, as the tick is given them.

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, reject, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
@@ -52,7 +52,12 @@ def drawn(name: str, seed: int, kind: str) -> tuple[ToolPath, np.ndarray]:
     postures = wandering(name, seed)
     T = np.array([pose(MACHINES[name], q) for q in postures])
     if kind == "spline":
-        return ToolPath.spline(T[:, :3, 3], T[:, :3, :3]), postures[0]
+        try:
+            return ToolPath.spline(T[:, :3, 3], T[:, :3, :3]), postures[0]
+        except InputError as refused:
+            if "turns back on itself" not in str(refused):  # one in some ten thousand wanderings
+                raise
+            reject()
     return ToolPath.polyline(T[:, :3, 3], T[:, :3, :3], blend_m=0.05 if kind == "rounded" else 0.0), postures[0]
 
 
@@ -71,6 +76,7 @@ def held(machine: MachineModel, free: bool) -> Orientation:
 
 
 @settings(max_examples=8, deadline=None)
+@example("brokk5", 8819, "spline", False)
 @given(st.sampled_from(NAMES), st.integers(0, 10**6), st.sampled_from(["spline", "rounded", "sharp"]), st.booleans())
 def test_the_tool_stays_on_the_path_and_no_joint_jumps(name: str, seed: int, kind: str, free: bool) -> None:
     machine = MACHINES[name]

@@ -268,3 +268,10 @@ def test_without_ompl_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setitem(sys.modules, "ompl", None)
     with pytest.raises(InputError, match=r"workgauge\[plan\]"):
         planned(task_of([], posture(swing=0.0), posture(swing=10.0)))
+
+
+def test_moving_corners_off_comes_to_an_end_where_each_brings_new_ones() -> None:
+    """Of joints that cannot move together a corner that is moved needs others beside it."""
+    plan = planned(drawn("brokk5", 16), seed=16)
+    assert isinstance(plan, GlobalPlan) and not plan.hurried
+    assert len(plan.waypoints) < 200 and plan.looks < 30_000

@@ -2,18 +2,19 @@
 
 import itertools
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import PchipInterpolator
 
 from workgauge.machine.model import MachineModel
 from workgauge.motion.paths.joint_curve import JointCurve
 from workgauge.motion.paths.joint_path import JointPath
 from workgauge.motion.paths.path_limits import PathLimits
+from workgauge.motion.paths.rounded import Kept, clashing, rounded
 from workgauge.motion.paths.trajectory import Trajectory
-from workgauge.values.arrays import Floats
+from workgauge.values.arrays import Floats, frozen
 from workgauge.values.errors import InputError
 
 __all__ = ["Trajectory", "default_acceleration", "timed", "timed_joints"]
@@ -32,6 +33,7 @@ _STRETCH = 1.00002
 _ROUNDS = 5
 
 
+@lru_cache(maxsize=16)
 def default_acceleration(machine: MachineModel) -> Floats:
     """Return the joint accelerations (n,) [rad/s^2, m/s^2] that motions are planned with.
 
@@ -41,7 +43,7 @@ def default_acceleration(machine: MachineModel) -> Floats:
     sides = zip(machine.stopping_positive, machine.stopping_negative, strict=True)
     stopping = np.array([min(plus.deceleration, minus.deceleration) for plus, minus in sides])
     ideal = np.minimum(machine.speed_positive, machine.speed_negative) / IDEAL_RAMP_S
-    return np.where(np.isfinite(stopping), ACCELERATION_SHARE * stopping, ideal)
+    return frozen(np.where(np.isfinite(stopping), ACCELERATION_SHARE * stopping, ideal))
 
 
 def timed(
@@ -87,34 +89,26 @@ def timed_joints(
     waypoints: ArrayLike,
     machine: MachineModel,
     *,
+    kept: Kept | None = None,
     acceleration: ArrayLike | None = None,
     speed_share: float = 1.0,
 ) -> Trajectory:
-    """Return the fastest motion through postures, at rest at both ends, without a stop or an overshoot in between.
+    """Return the fastest motion along straight joint lines from posture to posture, at rest at both ends.
 
-    The way is a monotone cubic through the waypoints (Fritsch and Carlson): between two of them every joint stays
-    between its two values, so that no joint leaves the range of its waypoints. The path variable counts one for the
-    time a leg takes at full joint speed.
+    Corners are rounded inwards where they may be, see `rounded`, and passed without a stop; at the others the machine
+    stands. No joint leaves the range of its waypoints. The path variable counts one for the time a line takes at full
+    joint speed.
 
     Args:
         waypoints: (k, n) [rad, m], k >= 2, within the joints' limits.
+        kept: which corners may be rounded, as `roundable` knows of a plan's; None for none.
 
     Raises:
         InputError: for one waypoint, a repeated one, what is not finite or beyond a limit, and as for `timed`.
     """
-    q = _waypoints(waypoints, machine)
-    steps = np.diff(q, axis=0)
-    legs = np.maximum(steps / machine.speed_positive, -steps / machine.speed_negative).max(axis=1)
-    s = np.concatenate([[0.0], np.cumsum(legs)])
-    straight = steps / legs[:, None]
-    slopes = np.asarray(PchipInterpolator(s, q)(s, 1)) if len(q) > 2 else np.zeros_like(q)
-    turns = np.flatnonzero(np.abs(slopes[1:-1]).max(axis=1) < _STILL) + 1
-    leaving, arriving = slopes[:-1].copy(), slopes[1:].copy()
-    for at in (0, *turns):  # at rest a corner costs nothing
-        leaving[at], arriving[at - 1] = straight[at], straight[at - 1]
-    curve = JointCurve.of(s, q, leaving, arriving)
+    curve, stops = rounded(_waypoints(waypoints, machine), machine, kept)
     limits = _limits(curve, machine, acceleration, speed_share)
-    return _driven(curve, limits, np.concatenate([[0.0], s[turns], [s[-1]]]))
+    return _driven(curve, limits, np.concatenate([[0.0], stops, [curve.s[-1]]]))
 
 
 def _driven(curve: JointCurve, limits: PathLimits, ends: Floats) -> Trajectory:
@@ -210,12 +204,10 @@ def _limits(curve: JointCurve, machine: MachineModel, acceleration: ArrayLike | 
         shown = np.array2string(chosen)
         raise InputError("joint acceleration", element="acceleration", value=shown, allowed=f"{machine.n} above 0")
     moves = np.maximum(np.abs(curve.leaving), np.abs(curve.arriving)) > _STILL
-    for group in machine.exclusive_groups:
-        rest = [j for other in machine.exclusive_groups if other is not group for j in other if j not in group]
-        clash = moves[:, list(group)].any(axis=1) & moves[:, rest].any(axis=1)
-        if clash.any():
-            names = ", ".join(machine.joint_names[j] for j in group)
-            raise InputError("joints cannot move together with the others", element=names, allowed="one group alone")
+    group = int(clashing(machine, moves).max())
+    if group >= 0:
+        names = ", ".join(machine.joint_names[j] for j in machine.exclusive_groups[group])
+        raise InputError("joints cannot move together with the others", element=names, allowed="one group alone")
     return PathLimits.of(machine, chosen, share)
 
 

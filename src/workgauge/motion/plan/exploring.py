@@ -11,7 +11,7 @@ from workgauge.motion.plan.validity import Validity
 from workgauge.values.arrays import Floats
 from workgauge.values.errors import InputError
 
-#: The planner: of those measured, the one that found most ways in least time.
+#: The planner, of `ompl.geometric`; it has to do without a projection of its states.
 PLANNER = "RRTConnect"
 #: Longest step of a tree, in seconds at full joint speeds.
 STEP_S = 2.0

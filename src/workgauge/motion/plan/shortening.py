@@ -82,6 +82,7 @@ def widen(validity: Validity, way: list[Floats], stop: _Stop) -> list[Floats]:
                 tried = [*way[: i - 1], *legs, *way[i + 2 :]]
                 if duration_s(machine, tried) <= allowed:
                     way = tried
+                    i += len(legs) - 3  # corners it took to get there are not moved again
                     break
         i += 1
     return way

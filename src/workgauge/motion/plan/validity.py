@@ -1,6 +1,6 @@
 """Which postures and joint motions keep every clearance, proven for the whole motion and not only for its ends."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise, permutations
 
@@ -115,12 +115,29 @@ class Validity:
 
     def straight(self, a: Floats, b: Floats) -> bool:
         """Return whether the straight joint line from a to b (n,) is proven to keep every clearance."""
-        if not (self.keeps(a) and self.keeps(b)):
-            return False
         if tuple(b) < tuple(a):  # the same postures are looked at both ways
             a, b = b, a
-        half = 0.5 * np.abs(b - a)
-        # stretches of the line by the share of it that is not yet covered, widest first
+        return self._all_along(lambda share: a + share * (b - a), a, b, 0.5 * np.abs(b - a))
+
+    def round(self, a: Floats, corner: Floats, b: Floats) -> bool:
+        """Return whether a rounded corner is proven to keep every clearance.
+
+        It is the parabola with the control points a, corner and b (n,): along it no joint is ever faster than twice
+        the farther of its two sides.
+        """
+        before, after = corner - a, b - corner
+
+        def at(share: float) -> Floats:
+            found: Floats = a + share * (2.0 * before + share * (after - before))
+            return found
+
+        return self._all_along(at, a, b, np.maximum(np.abs(before), np.abs(after)))
+
+    def _all_along(self, at: Callable[[float], Floats], a: Floats, b: Floats, half: Floats) -> bool:
+        """Return whether a motion from a to b, by its share, is proven; joints move at 2 `half` per share at most."""
+        if not (self.keeps(a) and self.keeps(b)):
+            return False
+        # stretches of the motion by the share of it that is not yet covered, widest first
         open_ = [(self.covers(a, half), 1.0 - self.covers(b, half))]
         while open_:
             open_.sort(key=lambda stretch: stretch[0] - stretch[1])
@@ -128,7 +145,7 @@ class Validity:
             if low >= high:
                 return True
             middle = 0.5 * (low + high)
-            q = a + middle * (b - a)
+            q = at(middle)
             if not self.keeps(q):
                 return False
             covered = self.covers(q, half)
