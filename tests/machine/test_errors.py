@@ -265,7 +265,8 @@ def test_an_unknown_machine_or_attachment() -> None:
     with pytest.raises(MachineError, match=r"unknown machine \(found zzz"):
         load_machine("zzz")
     with pytest.raises(
-        MachineError, match=r"unknown attachment \(found ripper; allowed: grading bucket, sleeper grab\)"
+        MachineError,
+        match=r"unknown attachment \(found ripper; allowed: grading bucket, sleeper grab, ditching bucket\)",
     ):
         load_machine("rre20", "ripper")
 

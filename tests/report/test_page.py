@@ -126,6 +126,7 @@ def test_json_has_exactly_the_documented_keys(run: RunResult) -> None:
         "positioning",
         "travel",
         "automatic",
+        "dug",
         "warnings",
     ]
     first = data["interventions"][0]

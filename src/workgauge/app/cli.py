@@ -15,6 +15,7 @@ from workgauge.app.identify_command import identify_command
 from workgauge.app.limits_command import limits_command
 from workgauge.app.measure_up_command import measure_up_command
 from workgauge.app.output import SeveralFiles
+from workgauge.app.path_command import path_command
 from workgauge.app.pose_command import pose_command
 from workgauge.app.replay_command import replay_command
 from workgauge.app.run_command import run_command
@@ -72,6 +73,7 @@ app.command("site")(site_command)
 app.command("at")(at_command)
 app.command("limits")(limits_command)
 app.command("pose")(pose_command)
+app.command("path")(path_command)
 app.command("run", cls=SeveralFiles)(run_command)
 app.command("cockpit")(cockpit_command)
 app.command("check", cls=SeveralFiles)(check_command)

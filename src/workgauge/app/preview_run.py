@@ -6,7 +6,7 @@ import typer
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from workgauge.app.output import busy, print_json, stderr, stdout, warn
-from workgauge.rehearse.auto_steps import FollowPath, GoTo
+from workgauge.rehearse.automatic import AutoStep
 from workgauge.rehearse.preview_drive import DrivePreview, preview_drive
 from workgauge.rehearse.run import Plans, planned_drive
 from workgauge.rehearse.scenario import Step
@@ -18,7 +18,7 @@ EXIT_INCOMPLETE = 1
 
 def planned_meanwhile(session: Session, steps: Sequence[Step]) -> Plans:
     """Return the plans of a drive's automatic steps, with something to look at while they are made."""
-    automatic = any(isinstance(step, GoTo | FollowPath) for step in steps)
+    automatic = any(isinstance(step, AutoStep) for step in steps)
     with busy("planning the automatic steps" if automatic else None):
         return planned_drive(session, steps)
 

@@ -165,7 +165,8 @@ class _Builder:
     def surface(self, surface: SurfaceModel, rule: Rule, block: LimitBlock, source: Source) -> None:
         """Make a one-sided surface."""
         if isinstance(block, SurfaceBlock):
-            solid = one_sided(surface, self.origin, block.keep == "above")
+            down = block.lowered_m if block.keep == "above" else -block.lowered_m
+            solid = one_sided(surface, self.origin + np.array([0.0, 0.0, down]), block.keep == "above")
             self._add(LimitKind.SURFACE, surface.name, solid, rule, block, source)
 
     def zone(self, zone: BoxZone | PrismZone, i: int) -> None:

@@ -166,10 +166,15 @@ class TubeBlock(LimitBlock):
 
 
 class SurfaceBlock(LimitBlock):
-    """A one-sided surface; the machine keeps above it, or below it for a ceiling."""
+    """A one-sided surface; the machine keeps above it, or below it for a ceiling.
+
+    `lowered_m`: the limit lies so far below the feature, as where a tool works on a design surface: what its box
+    reaches beyond its edge, and room to slide without being held up. A ceiling is raised by as much.
+    """
 
     make: Literal["surface"]
     keep: Literal["above", "below"] = "above"
+    lowered_m: Length = 0.0
 
 
 Make: TypeAlias = Annotated[

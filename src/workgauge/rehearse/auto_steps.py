@@ -5,7 +5,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field, model_validator
 
-from workgauge.rehearse.part import Deflection, NotNegative, Part, Positive
+from workgauge.rehearse.part import Deflection, NotNegative, Part, Positive, exactly_one
 from workgauge.values.tasks import Orientation
 
 Frame: TypeAlias = Literal["machine", "site"]
@@ -26,13 +26,9 @@ class PathPoint(Part):
     )
 
 
-class _Automatic(Part):
-    """What all automatic steps share."""
+class _Driven(Part):
+    """How fast and how exactly an automatic step is driven."""
 
-    frame: Frame = Field(default="machine", description="what coordinates and angles are counted in")
-    orientation: Orientation | None = Field(
-        default=None, description="how much of it counts; left out, all the machine can hold, none without rpy_deg"
-    )
     speed_m_s: Speed = Field(default=0.5, description="of the tool")
     turn_deg_s: TurnSpeed | None = Field(default=None, description="of the tool, at most")
     share: Deflection = Field(default=0.8, description="of joint speeds and pump flow that the plan may use")
@@ -43,8 +39,17 @@ class _Automatic(Part):
         default=0.0,
         description="so far limits may push the tool off its path; with 0 a path into a limit is refused beforehand",
     )
-    around: bool = Field(default=True, description="go round what blocks it")
     at_most_s: Positive = 300.0
+
+
+class _Automatic(_Driven):
+    """What steps to a pose or along points share."""
+
+    frame: Frame = Field(default="machine", description="what coordinates and angles are counted in")
+    orientation: Orientation | None = Field(
+        default=None, description="how much of it counts; left out, all the machine can hold, none without rpy_deg"
+    )
+    around: bool = Field(default=True, description="go round what blocks it")
 
 
 class GoTo(_Automatic):
@@ -80,4 +85,64 @@ class FollowPath(_Automatic):
                 raise ValueError(f"point {k + 1} of the path is where point {k} is; a go_to turns on the spot")
         if self.repeat > 1 and self.points[0] != self.points[-1]:
             raise ValueError("a path that repeats must end where it begins")
+        return self
+
+
+Count: TypeAlias = Annotated[int, Field(ge=1, le=1000)]
+PlanPlace: TypeAlias = tuple[Coordinate, Coordinate]
+
+
+class SideBySide(Part):
+    """Lines along the machine's x axis, from far to near."""
+
+    count: Count = 3
+    spacing_m: Positive = 1.0
+
+
+class Fan(Part):
+    """Lines towards the swing axis, from far to near."""
+
+    from_deg: Angle = Field(description="of the first, seen from the machine, counter-clockwise from its x axis")
+    to_deg: Angle = Field(description="of the last")
+    count: Count = 3
+
+
+class Along(Part):
+    """A line beside an alignment, as far as it is in reach."""
+
+    alignment: str
+    offset_m: Coordinate = Field(default=0.0, description="to its left")
+
+
+class GradeSurface(_Driven):
+    """Draw the bucket's edge along a surface: over the way's beginning, down, the cut, up, pass by pass."""
+
+    do: Literal["grade"]
+    surface: str | None = Field(default=None, description="the design, by name; all of the site's if left out")
+    ground: str | None = Field(default=None, description="the ground as it is, for passes by depth_m")
+    side_by_side: SideBySide | None = None
+    fan: Fan | None = None
+    along: Along | None = None
+    polyline_en_m: tuple[PlanPlace, ...] | None = Field(default=None, description="east, north; laid on the surface")
+    near_m: NotNegative | None = Field(default=None, description="from the swing axis; clear of the undercarriage")
+    far_m: Positive | None = Field(default=None, description="from the swing axis; as far as the machine reaches")
+    speed_m_s: Speed = Field(default=0.3, description="of the edge along the surface")
+    move_m_s: Speed = Field(default=0.5, description="of the tool on its way to and from the surface")
+    tolerance_mm: Positive = 10.0
+    bucket_width_m: Positive = 1.0
+    cutting_deg: Angle = Field(default=0.0, description="how far the wrist leans ahead, from square to the surface")
+    above_mm: NotNegative = Field(default=0.0, description="so far above the surface the edge is to run")
+    over_dig_mm: NotNegative = Field(default=10.0, description="so far below the surface any of the edge may be")
+    corner_mm: NotNegative = Field(default=2.0, description="so far the way may pass from the edges it crosses")
+    turn_m: NotNegative = Field(default=0.25, description="so far before and behind an edge the bucket turns")
+    depth_m: Positive | None = Field(default=None, description="of one pass, where ground is given")
+    lift_m: Positive = Field(default=0.5, description="above the way's ends it comes and leaves")
+
+    @model_validator(mode="after")
+    def _one(self) -> "GradeSurface":
+        exactly_one(self, ("side_by_side", "fan", "along", "polyline_en_m"))
+        if (self.depth_m is None) != (self.ground is None):
+            raise ValueError("depth_m and ground go together")
+        if self.polyline_en_m is not None and len(self.polyline_en_m) < 2:
+            raise ValueError("polyline_en_m needs two places or more")
         return self

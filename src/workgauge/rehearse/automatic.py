@@ -28,8 +28,10 @@ from workgauge.motion.planning import (
     reaching,
 )
 from workgauge.motion.way_round import way_round
-from workgauge.rehearse.auto_steps import FollowPath, GoTo, PathPoint
+from workgauge.rehearse.auto_steps import FollowPath, GoTo, GradeSurface, PathPoint
+from workgauge.rehearse.grading import Grading
 from workgauge.rehearse.scenario import Step
+from workgauge.site.model import SiteModel
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.errors import InputError, ScenarioError
 from workgauge.values.tasks import Orientation, ToolGoal
@@ -43,7 +45,7 @@ PLAN_SECONDS = 30.0
 #: So far the tool may be off its trajectory where nothing pushes it [m].
 LAG_M = 0.15
 
-AutoStep = GoTo | FollowPath
+AutoStep = GoTo | FollowPath | GradeSurface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +76,7 @@ class Automatic:
 
     Args:
         machine: whose. frame: the site's local frame. around: returns what stands around now.
-        names: limit id to what a person calls it.
+        names: limit id to what a person calls it. site: whose surfaces are worked on, None for no such steps.
     """
 
     def __init__(
@@ -83,8 +85,10 @@ class Automatic:
         frame: SiteFrame,
         around: Callable[[], Surroundings],
         names: Mapping[str, str] | None = None,
+        site: SiteModel | None = None,
     ) -> None:
         self._machine, self._frame, self._around = machine, frame, around
+        self._grading = None if site is None else Grading(site, frame.origin)
         self._names = names or {}
         self._form = closed_form(machine)
         self._count = itertools.count(1)
@@ -97,7 +101,7 @@ class Automatic:
         """
         found: dict[int, Planned] = {}
         for number, step in enumerate(steps, 1):
-            if isinstance(step, GoTo | FollowPath):
+            if isinstance(step, AutoStep):
                 with in_step(number):
                     found[number] = self.begun(step, q, T_site_machine)
                 q = found[number].q_end
@@ -121,6 +125,8 @@ class Automatic:
         try:
             if isinstance(step, FollowPath):
                 return self._path(step, q, T_site_machine)
+            if isinstance(step, GradeSurface):
+                return self._graded(step, q, T_site_machine)
             return self._goal(step, q, T_site_machine)
         except ScenarioError:
             raise
@@ -182,6 +188,21 @@ class Automatic:
         jobs = self._jobs(approach, step) + self._jobs([along], step)
         return Planned(jobs, along.trajectory.q[-1], tuple(notes))
 
+    def _graded(self, step: GradeSurface, q: Floats, T_site_machine: Floats) -> Planned:
+        if self._grading is None:
+            raise ScenarioError("there are no surfaces to work on", element="grade", allowed="a site with a surface")
+        strokes, said = self._grading.strokes(step, self._machine, q, T_site_machine)
+        notes, jobs = list(said), []
+        for stroke in strokes:
+            approach, work = list(stroke.motions[: stroke.cut - 1]), stroke.motions[stroke.cut - 1 :]
+            begin = work[0].trajectory.q[0]
+            if approach:
+                approach = self._clear_way(q, begin, approach, step, T_site_machine)
+            notes += self._refused(self._seen(work), step.deviation_m, work[1].words)
+            jobs += [*self._jobs(approach, step), *self._jobs(work, step)]
+            q = stroke.q_end
+        return Planned(tuple(jobs), q, tuple(dict.fromkeys(notes)))
+
     def _goal(self, step: GoTo, q: Floats, T_site_machine: Floats) -> Planned:
         pose = self._pose(step.goal, step, T_site_machine)
         orientation = self._counts(step, step.goal.rpy_deg is not None)
@@ -209,7 +230,12 @@ class Automatic:
         return Planned((self._loop(goal, step),), free[0], (note,))
 
     def _clear_way(
-        self, q: Floats, start: Floats, approach: list[Motion], step: FollowPath, T_site_machine: Floats
+        self,
+        q: Floats,
+        start: Floats,
+        approach: list[Motion],
+        step: FollowPath | GradeSurface,
+        T_site_machine: Floats,
     ) -> list[Motion]:
         """Return the way to a path's beginning, through joint space if the straight one is not free."""
         if self._inside(start) and step.deviation_m <= 0.0:
@@ -265,7 +291,7 @@ class Automatic:
         where = "" if math.isnan(seen.at) else f" after {seen.at:.1f} s"
         return f"{seen.link} {depth} {name}{where}, {seen.stop_m:.2f} m to be kept"
 
-    def _pose(self, point: PathPoint, step: AutoStep, T_site_machine: Floats) -> Floats:
+    def _pose(self, point: PathPoint, step: GoTo | FollowPath, T_site_machine: Floats) -> Floats:
         """Return the tool pose (4, 4) of a point in the site's local frame."""
         T = np.eye(4) if point.rpy_deg is None else np.array(rpy(*np.radians(point.rpy_deg).tolist()))
         T[:3, 3] = point.at_m
@@ -274,7 +300,7 @@ class Automatic:
         T[:3, 3] = self._frame.to_local(T[:3, 3])
         return T
 
-    def _counts(self, step: AutoStep, turned: bool) -> Orientation:
+    def _counts(self, step: GoTo | FollowPath, turned: bool) -> Orientation:
         """Return how much of a step's orientations counts."""
         if step.orientation is None:
             return orientation_of(self._machine) if turned else Orientation.FREE
@@ -295,7 +321,7 @@ class Automatic:
                 tolerance_m=step.tolerance_mm * 1e-3,
                 tolerance_rad=math.radians(step.tolerance_deg),
                 deviation_m=max(step.deviation_m, LAG_M),
-                around=step.around,
+                around=not isinstance(step, GradeSurface) and step.around,
                 on_path=motion.path is not None,
             )
             for motion in motions

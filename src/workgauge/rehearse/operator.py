@@ -9,7 +9,7 @@ import numpy as np
 
 from workgauge.machine.model import MachineModel
 from workgauge.motion.job import Job, JobFacts, JobState
-from workgauge.rehearse.auto_steps import FollowPath, GoTo
+from workgauge.rehearse.auto_steps import GoTo, GradeSurface
 from workgauge.rehearse.automatic import Automatic, AutoStep
 from workgauge.rehearse.scenario import DriveBack, DriveLine, DriveOut, Hold, MoveLevers, Step, Swing, WaitForTravel
 from workgauge.rehearse.targets import Targets
@@ -50,6 +50,7 @@ class View:
 
     `tool_speed`: over the machine; a tool that is carried along stands still [m/s].
     `ready`: whether the program knows where the machine is; until then the enable switch is left alone.
+    `T_believed`: where simulated sensors have the machine, None where they are perfect or know nothing yet.
     `travelling`: whether the undercarriage still has a way to make. `job`: how far automatic motion is.
     """
 
@@ -61,6 +62,7 @@ class View:
     ready: bool = True
     travelling: bool = False
     job: JobFacts | None = None
+    T_believed: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,7 +205,7 @@ class _Automatic:
 
     def __init__(self, step: AutoStep, view: View, automatic: Automatic, say: Callable[[str], None]) -> None:
         self._say = say
-        self.words = "go to" if isinstance(step, GoTo) else "follow"
+        self.words = {"go_to": "go to"}.get(step.do, step.do)
         self._step, self._automatic = step, automatic
         self._jobs = self._begun(view)
         self._end_s = view.t_s + step.at_most_s
@@ -228,8 +230,11 @@ class _Automatic:
 
     def _begun(self, view: View) -> list[Job]:
         """Return the jobs of the step from where the machine stands now; none if it cannot be done from here."""
+        # a surface lies where the site has it: what is believed of the machine's place is an error of the edge's
+        believed = view.T_believed if isinstance(self._step, GradeSurface) else None
+        T = view.T_site_machine if believed is None else believed
         try:
-            return list(self._automatic.begun(self._step, view.q, view.T_site_machine).jobs)
+            return list(self._automatic.begun(self._step, view.q, T).jobs)
         except ScenarioError as error:
             self._say(f"cannot be done from where the machine stands by then, left out: {error}")
             return []
@@ -304,7 +309,7 @@ class Operator:
             return _Timed("way out", view, step.for_s, Hands(DriveMode.EXIT, Levers(right_y=step.lever)))
         if isinstance(step, WaitForTravel):
             return _Waiting(step, view)
-        if isinstance(step, GoTo | FollowPath):
+        if isinstance(step, AutoStep):
             number = self._next + 1
             return _Automatic(step, view, self._automatic, lambda said: self.notes.append(f"step {number}: {said}"))
         if isinstance(step, DriveBack):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from workgauge.motion.job import Job, JobState
-from workgauge.rehearse.auto_steps import FollowPath, GoTo
+from workgauge.rehearse.auto_steps import GoTo
 from workgauge.rehearse.automatic import Automatic, AutoStep, Planned, in_step
 from workgauge.rehearse.operator import CAME_EVERY_S
 from workgauge.rehearse.preview import Nearest, Preview
@@ -139,14 +139,14 @@ def preview_drive(
     Raises:
         ScenarioError: for a step that cannot be planned, or a drive without automatic steps.
     """
-    chosen = [(k, step) for k, step in enumerate(steps, 1) if isinstance(step, GoTo | FollowPath)]
+    chosen = [(k, step) for k, step in enumerate(steps, 1) if isinstance(step, AutoStep)]
     if not chosen:
         raise ScenarioError(
-            "nothing to preview", element="drive", value="no automatic step", allowed="go_to and follow steps"
+            "nothing to preview", element="drive", value="no automatic step", allowed="go_to, follow and grade steps"
         )
-    automatic = Automatic(session.machine, session.frame, session.surroundings, session.limit_names)
+    automatic = Automatic(session.machine, session.frame, session.surroundings, session.limit_names, session.site)
     first = automatic.planned(steps, *session.true_state)[chosen[0][0]]
-    others = {step.do for step in steps if not isinstance(step, GoTo | FollowPath) and step.do != "hold"}
+    others = {step.do for step in steps if not isinstance(step, AutoStep) and step.do != "hold"}
     left_out = [f"steps by hand: {', '.join(sorted(others))}"] if others else []
     done: list[StepPreview] = []
     last: Preview | None = None

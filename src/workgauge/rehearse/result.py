@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from workgauge.motion.bucket.dug import DugMap
 from workgauge.rehearse.auto_series import AutoSeries
 from workgauge.rehearse.chatter import Chatter, chatter
 from workgauge.values.arrays import Floats
@@ -241,6 +242,7 @@ class RunResult:
         position: what was believed against the truth, None where sensors were perfect.
         travel: the undercarriage's way, None if it stood still.
         automatic: what automatic motion was to do and did, None if there was none.
+        dug: what the bucket's edge swept of a surface it was to grade, None if it was to grade none.
     """
 
     title: str
@@ -273,6 +275,7 @@ class RunResult:
     position: PositionSeries | None = None
     travel: TravelSeries | None = None
     automatic: AutoSeries | None = None
+    dug: DugMap | None = None
 
     @property
     def ticks(self) -> int:
@@ -317,5 +320,6 @@ class RunResult:
             "positioning": None if self.position is None else self.position.as_json(self.tick_s),
             "travel": None if self.travel is None else self.travel.as_json(self.tick_s),
             "automatic": None if self.automatic is None else self.automatic.as_json(),
+            "dug": None if self.dug is None else self.dug.as_json(),
             "warnings": list(self.warnings),
         }

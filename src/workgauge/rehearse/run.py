@@ -1,7 +1,7 @@
 """Runs a scenario from its first tick to its last and gathers everything it shows."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -12,6 +12,7 @@ from workgauge.machine.load import load_machine
 from workgauge.machine.model import MachineModel
 from workgauge.motion.job import JobFacts
 from workgauge.rehearse.automatic import Automatic
+from workgauge.rehearse.dug import dug_in
 from workgauge.rehearse.interventions import InterventionLog
 from workgauge.rehearse.operator import Operator, View
 from workgauge.rehearse.recording import Recorder
@@ -153,7 +154,7 @@ def planned_drive(session: Session, steps: Sequence[Step]) -> Plans:
     Raises:
         ScenarioError: for the first step that cannot be done, with where and why.
     """
-    automatic = Automatic(session.machine, session.frame, session.surroundings, session.limit_names)
+    automatic = Automatic(session.machine, session.frame, session.surroundings, session.limit_names, session.site)
     return automatic, automatic.checked(steps, *session.true_state)
 
 
@@ -217,7 +218,9 @@ def run_session(
         tool = session.tool
         here = _in_machine(tool, T)
         speed = float(np.linalg.norm(here - before)) / session.tick_s
-        hands = operator.hands(View(session.t_s, q, T, tool, speed, session.ready, not driver.over, job))
+        hands = operator.hands(
+            View(session.t_s, q, T, tool, speed, session.ready, not driver.over, job, session.T_believed)
+        )
         if hands is None:
             break
         speed_m_s, travelled_m = session.true_travel
@@ -235,7 +238,8 @@ def run_session(
     if session.t_s >= LONGEST_S:
         raise ScenarioError("the drive does not end", element="drive", allowed=f"at most {LONGEST_S:g} s in all")
     words = title, description, facts or {}
-    return _result(session, operator, recorder, log, start, words, bool(states), notes)
+    result = _result(session, operator, recorder, log, start, words, bool(states), notes)
+    return replace(result, dug=dug_in(session, steps, result.series, result.automatic))
 
 
 def _in_machine(tool: Floats, T_site_machine: Floats) -> Floats:

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import Field, model_validator
 
-from workgauge.rehearse.auto_steps import FollowPath, GoTo
+from workgauge.rehearse.auto_steps import FollowPath, GoTo, GradeSurface
 from workgauge.rehearse.hydraulic_choice import Joints
 from workgauge.rehearse.part import (
     Deflection,
@@ -174,7 +174,7 @@ class WaitForTravel(Part):
 
 
 Step: TypeAlias = Annotated[
-    Hold | MoveLevers | Swing | DriveLine | DriveBack | DriveOut | GoTo | FollowPath | WaitForTravel,
+    Hold | MoveLevers | Swing | DriveLine | DriveBack | DriveOut | GoTo | FollowPath | GradeSurface | WaitForTravel,
     Field(discriminator="do"),
 ]
 

@@ -252,6 +252,12 @@ class Session:
         return self._belief.ready
 
     @property
+    def T_believed(self) -> Floats | None:
+        """Where simulated sensors have the machine in the site (4, 4), None where they are perfect or do not know."""
+        known, source = self._belief.known.pose, self._belief.source
+        return None if source is None or known is None else known.T_site_machine
+
+    @property
     def finished(self) -> bool:
         """Whether nothing more can come; a simulated machine goes on for ever."""
         return False

@@ -9,6 +9,7 @@ from workgauge.motion.job import JobState
 from workgauge.rehearse.result import RunResult
 from workgauge.report.auto_section import automatic_section
 from workgauge.report.chatter_figures import chatter_section
+from workgauge.report.dug_section import dug_section
 from workgauge.report.figures import clearance_figure, scale_figure, speed_figure
 from workgauge.report.position_figures import position_section
 from workgauge.report.verdict import details, headline, metres
@@ -165,6 +166,7 @@ def render(result: RunResult) -> str:
 {clearance_figure(result)}
 </section>
 {automatic_section(result)}
+{dug_section(result.dug)}
 {position_section(result)}
 <section>
 <h2>Joint speeds</h2>

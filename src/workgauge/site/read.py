@@ -8,8 +8,10 @@ from pathlib import Path
 from workgauge.geodesy.crs import ProjectedCrs
 from workgauge.site.alignment import Alignment
 from workgauge.site.coordinates import resolve_crs
+from workgauge.site.dxf import looks_like_dxf, read_dxf
 from workgauge.site.landxml.reader import looks_like_landxml, read_landxml
 from workgauge.site.model import SiteModel
+from workgauge.site.xyz import looks_like_xyz, read_xyz
 from workgauge.values.errors import SiteError
 
 _HEAD_BYTES = 4096
@@ -42,7 +44,11 @@ class Reader:
     read: Callable[[Path], SiteModel]
 
 
-READERS: tuple[Reader, ...] = (Reader("LandXML/Inframodel (.xml)", looks_like_landxml, read_landxml),)
+READERS: tuple[Reader, ...] = (
+    Reader("LandXML/Inframodel (.xml)", looks_like_landxml, read_landxml),
+    Reader("3DFACEs of DXF (.dxf)", looks_like_dxf, read_dxf),
+    Reader("points, a line each: east north height (.xyz, .txt, .csv, .pts)", looks_like_xyz, read_xyz),
+)
 
 
 def read_site(files: Sequence[Path], *, epsg: int | None = None) -> SiteModel:

@@ -9,12 +9,10 @@ from workgauge.site.landxml.features import code_of, feature_codes
 from workgauge.site.landxml.heights import doubt_heights
 from workgauge.site.landxml.units import FileUnits
 from workgauge.site.model import SurfaceModel
+from workgauge.site.surface.winding import wound_up
 from workgauge.values.arrays import Floats, Ints, freeze
 from workgauge.values.errors import SiteError
 from workgauge.values.limits import Source
-
-#: Triangles whose height over their longest side is less are no triangles [m].
-_SLIVER_M = 1e-6
 
 
 def read_surfaces(document: Document, units: FileUnits) -> list[SurfaceModel]:
@@ -146,24 +144,9 @@ def _indices(document: Document, owner: str, ids: Ints, named: Ints, lines: Ints
 
 def _upwards(document: Document, owner: str, vertices: Floats, faces: Ints, line: int | None) -> tuple[Ints, float]:
     """Return the faces without degenerate ones, counter-clockwise in plan, and their plan area [m2]."""
-    origin = vertices.mean(axis=0)
-    kept_parts: list[Ints] = []
-    area = 0.0
-    degenerate = vertical = 0
-    for first in range(0, len(faces), 1 << 17):
-        part = faces[first : first + (1 << 17)]
-        a, b, c = (vertices[part[:, k]] - origin for k in range(3))
-        normal = np.cross(b - a, c - a)
-        longest = np.sqrt(np.max([np.sum((p - q) ** 2, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0))
-        good = np.sqrt(np.sum(normal**2, axis=1)) > _SLIVER_M * longest
-        up = normal[:, 2] / 2
-        turned = np.where((up < 0)[:, None], part[:, [0, 2, 1]], part)
-        kept_parts.append(turned[good])
-        area += float(np.abs(up[good]).sum())
-        degenerate += int((~good).sum())
-        vertical += int((good & (np.abs(up) < _SLIVER_M * longest)).sum())
-    if degenerate:
-        document.warn(f"{degenerate} faces without area are left out", owner, line)
-    if vertical:
-        document.warn(f"{vertical} faces are vertical", owner, line)
-    return np.concatenate(kept_parts), area
+    wound = wound_up(vertices, faces)
+    if wound.degenerate:
+        document.warn(f"{wound.degenerate} faces without area are left out", owner, line)
+    if wound.vertical:
+        document.warn(f"{wound.vertical} faces are vertical", owner, line)
+    return wound.faces, wound.plan_area_m2

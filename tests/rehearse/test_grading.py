@@ -1,0 +1,184 @@
+"""Steps that grade a surface: what they ask for, their strokes, and a drive of one."""
+
+import dataclasses
+import itertools
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+import yaml
+
+import workgauge
+from workgauge.machine.load import load_machine
+from workgauge.rehearse.auto_steps import GradeSurface
+from workgauge.rehearse.grading import Grading, Lines
+from workgauge.rehearse.run import open_session, run_scenario
+from workgauge.rehearse.scenario import Scenario
+from workgauge.rehearse.scenario_file import load_scenario
+from workgauge.site.model import SiteModel, SurfaceModel
+from workgauge.values.errors import InputError, ScenarioError
+from workgauge.values.limits import Source
+
+RULES = Path(workgauge.__file__).parent / "shipped" / "scenarios" / "_grade-surface-rules.yaml"
+PLACE = np.array([1000.0, 2000.0, 50.0])
+
+
+def plane(name: str, height: float = 0.0, tilt: tuple[float, float] = (0.05, -0.04)) -> SurfaceModel:
+    xy = np.array([[-12.0, -12.0], [12, -12], [12, 12], [-12, 12]])
+    vertices = np.column_stack([xy, xy @ tilt + height]) + PLACE
+    return SurfaceModel(
+        name, None, None, vertices, np.array([[0, 1, 2], [0, 2, 3]]), 576.0, MappingProxyType({}), Source("f", name)
+    )
+
+
+def site(*surfaces: SurfaceModel) -> SiteModel:
+    return SiteModel(crs=None, crs_declared={}, units={}, surfaces=surfaces)
+
+
+def step(**keys: object) -> GradeSurface:
+    lines = (
+        {} if {"fan", "along", "side_by_side"} & set(keys) else {"polyline_en_m": [[1006.5, 2000], [1005.5, 2000]]}
+    )
+    return GradeSurface.model_validate({"do": "grade", **lines, **keys})
+
+
+def test_strokes_go_down_pass_by_pass_and_end_on_the_design():
+    machine = load_machine("rre20")
+    grading = Grading(site(plane("design"), plane("ground", 0.25)), PLACE)
+    strokes, said = grading.strokes(
+        step(surface="design", ground="ground", depth_m=0.1, above_mm=5.0), machine, machine.home, np.eye(4)
+    )
+    assert [round(one.made.offset_m, 6) for one in strokes] == [0.205, 0.105, 0.005]
+    assert all(one.error.corner_m < 1e-3 for one in strokes)
+    for before, after in itertools.pairwise(strokes):
+        assert after.motions[0].trajectory.q[0] == pytest.approx(before.q_end, abs=1e-9)
+    assert said == ()
+    depth = grading.tin("design")
+    s = np.linspace(0.0, strokes[-1].joints.length_m, 30)
+    for q, at in zip(strokes[-1].joints.curve.at(s)[0], s, strict=True):
+        tool = machine.tool_pose(machine.forward(q))[:3, 3] + PLACE
+        assert tool[2] - depth.heights(tool[None, :2])[0] == pytest.approx(0.005, abs=5e-4), at
+
+
+def test_a_four_jointed_machines_misfit_is_said():
+    machine = load_machine("sun-a")
+    grading = Grading(site(plane("design", -0.3, (0.0, 0.2))), PLACE)
+    asked = step(polyline_en_m=[[1003.0, 2000], [1002.4, 2000]], over_dig_mm=500.0)
+    strokes, said = grading.strokes(asked, machine, machine.home, np.eye(4))
+    assert strokes[0].error.corner_m == pytest.approx(0.1 / np.hypot(1, 0.2), rel=0.05)
+    assert any("cannot turn the edge" in text for text in said)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"surface": "road"}, "no such surface"),
+        ({"polyline_en_m": [[1050.0, 2000], [1051, 2000]]}, "no part of the line is within reach"),
+        ({"polyline_en_m": [[1008.9, 2000], [1008.2, 2000]]}, "no way of the bucket is in reach"),
+        ({"along": {"alignment": "Track 9"}}, "no such alignment"),
+    ],
+)
+def test_what_cannot_be_graded_is_refused(keys, words):
+    machine = load_machine("rre20")
+    with pytest.raises(InputError, match=words):
+        Grading(site(plane("design")), PLACE).strokes(step(**keys), machine, machine.home, np.eye(4))
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"fan": {"from_deg": 0, "to_deg": 10}, "side_by_side": {}},
+        {"depth_m": 0.1},
+        {"ground": "ground"},
+        {"polyline_en_m": [[1.0, 2.0]]},
+        {"bucket_width_m": 0.0},
+        {"speed_m_s": 0.0},
+        {"colour": "red"},
+    ],
+)
+def test_steps_that_make_no_sense(keys):
+    with pytest.raises(ValueError):
+        step(**keys)
+
+
+def test_lines_turn_with_the_machine():
+    machine = load_machine("rre20")
+    T = np.eye(4)
+    T[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    T[:3, 3] = PLACE
+    (line,) = Lines(yaws=(0.0,), near_m=4.0, far_m=6.0).in_plan(site(), machine, T)
+    assert line == pytest.approx(np.array([[1000.0, 2006.0], [1000.0, 2004.0]]))
+    (own,) = Lines(polyline=np.array([[1000.0, 2004.5], [1000.0, 2005.0]])).in_plan(site(), machine, T)
+    assert own[0] == pytest.approx([1000.0, 2004.5])  # a line of one's own keeps its direction
+
+
+def scenario(tmp_path, rules: str, **keys: object):
+    rows = [f"{1000 + x} {2000 + y} {50 + 0.05 * x - 0.04 * y}" for x in (-12, 0, 12) for y in (-12, 0, 12)]
+    (tmp_path / "slope.xyz").write_text("\n".join(rows))
+    content = {
+        "title": "grading",
+        "site": {"files": ["slope.xyz"]},
+        "machine": "rre20",
+        "attachment": "ditching bucket",
+        "rules": rules,
+        "guard": {"name": "barrier"},
+        "start": {"on_ground": {"east_m": 1000.0, "north_m": 2000.0, "heading_deg": 90.0}},
+        "joints": "ideal",
+        "tick_ms": 20,
+        "drive": [
+            {"do": "hold", "for_s": 0.2},
+            {"do": "grade", "polyline_en_m": [[1006.6, 2000.0], [1005.8, 2000.2]], "lift_m": 0.3, **keys},
+        ],
+    }
+    content["start"]["posture_deg"] = {"swing": 0, "boom": 25, "stick": -80, "bucket": -20}
+    path = tmp_path / "grading.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return load_scenario(str(path))
+
+
+def test_a_drive_leaves_the_design_behind(tmp_path):
+    result = run_scenario(scenario(tmp_path, str(RULES)))
+    assert result.automatic is not None and result.automatic.completed and not result.entries
+    assert [job.job.rsplit(" ", 1)[0] for job in result.automatic.jobs] == [
+        "to cut 1",
+        "down to cut 1",
+        "cut 1",
+        "up from cut 1",
+    ]
+    dug = result.dug
+    assert dug is not None and dug.rms_m < 1e-3 and dug.deepest_m < 2e-3 and not dug.over_dug
+    assert dug.area_m2 == pytest.approx(np.hypot(0.8, 0.2), abs=0.15)
+    assert result.as_json()["dug"]["rms_m"] == round(dug.rms_m, 5)
+
+
+def test_a_surface_that_is_a_limit_itself_refuses_the_work(tmp_path):
+    with pytest.raises(ScenarioError, match="through a limit"):
+        run_scenario(scenario(tmp_path, "generic"))
+
+
+def test_with_noisy_sensors_ways_are_planned_from_where_the_machine_is_believed(tmp_path):
+    exact = open_session(scenario(tmp_path, str(RULES)))
+    assert exact.T_believed is None
+    loaded = load_scenario("grade-surface")
+    content = loaded.scenario.model_dump(mode="json", exclude_unset=True)
+    content["sensors"] = {"noise": "datasheet", "seed": 1}
+    session = open_session(dataclasses.replace(loaded, scenario=Scenario.model_validate(content)))
+    while session.T_believed is None and session.t_s < 3.0:
+        session.step(session.intent(enable=False))
+    believed = session.T_believed
+    assert believed is not None
+    off = np.linalg.norm(believed[:3, 3] - session.true_state[1][:3, 3])
+    assert 0.0 < off < 0.3
+
+
+@pytest.mark.prove
+def test_grade_surface_is_never_deeper_than_allowed():
+    result = run_scenario(load_scenario("grade-surface"))
+    assert result.automatic is not None and result.automatic.completed and not result.entries
+    assert result.dug is not None and not result.dug.over_dug
+    for job in result.automatic.jobs:
+        if job.job.startswith("cut "):
+            assert job.rms_error_m <= 0.02
+            print(f"\n{job.job}: error {1e3 * job.rms_error_m:.1f} mm RMS, {1e3 * job.max_error_m:.1f} mm largest")
+    print(f"deepest {1e3 * result.dug.deepest_m:.1f} mm of {1e3 * result.dug.allowed_m:.0f} allowed")
