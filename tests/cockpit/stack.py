@@ -45,18 +45,25 @@ class Stack:
 
     @classmethod
     def begin(
-        cls, scenario: str = "pole-approach", *, token: str | None = TOKEN, joints: str = "ideal", gone_s: float = 2.0
+        cls,
+        scenario: str = "pole-approach",
+        *,
+        token: str | None = TOKEN,
+        joints: str = "ideal",
+        intent_age_s: float = 1.0,
+        round_trip_s: float = 4.0,
+        gone_s: float = 2.0,
     ) -> "Stack":
         loaded = load_scenario(scenario).choosing(guard="barrier", joints=joints)  # type: ignore[arg-type]
         name = open_session(loaded).machine_id
         access = Access("127.0.0.1", free_port(), token)
         # a browser that draws with the processor, on two cores, is slower than any operator's
-        desk = DeskSettings(intent_age_s=0.5, round_trip_s=4.0, gone_s=gone_s)
+        desk = DeskSettings(intent_age_s=intent_age_s, round_trip_s=round_trip_s, gone_s=gone_s)
         plan = Plan.of(loaded, desk, access, name)
         said: list[str] = []
         minder = Minder(plan, said.append)
         minder.start()
-        mail = ZenohMail(connect=plan.bus("page")["connect"])
+        mail = ZenohMail(connect=plan.bus("preview")["connect"])
         return cls(minder, plan, mail, said, inbox=mail.inbox(topic(name, "snapshot"), 4))
 
     @property
