@@ -17,6 +17,8 @@ from workgauge.values.station import Foreseen, Near, Snapshot, Suspended
 
 #: Parts of limits farther from the machine are not drawn [m].
 DRAWN_M = 150.0
+#: What is drawn round the machine is drawn anew once that has gone on so far [m].
+REDRAWN_M = 50.0
 #: Clearance lines with metres, and how long one may be [m].
 LINES, LONGEST_LINE_M = 4, 8.0
 #: Chainages are written this far apart [m], within this of the machine [m].
@@ -85,25 +87,57 @@ class Boxes:
             self._root.visible = visible
 
 
-class Limits:
-    """The limits near the machine; those that are off are faint, suspended ones red wire."""
+class Around:
+    """Something that is drawn round the machine only, and anew when that has gone on far enough.
 
-    def __init__(self, scene: Any, limits: Sequence[Limit], around: Floats) -> None:
+    Args:
+        at: (3,) where the machine stands now.
+    """
+
+    def __init__(self, at: Floats) -> None:
+        self._nodes: list[Any] = []
+        self._at = at
+        self._draw(at)
+
+    def follow(self, at: Floats) -> bool:
+        """Draw it anew if the machine has gone on since; return whether it was."""
+        if float(np.linalg.norm(at[:2] - self._at[:2])) < REDRAWN_M:
+            return False
+        for node in self._nodes:
+            node.remove()
+        self._nodes, self._at = [], at
+        self._draw(at)
+        return True
+
+    def _draw(self, at: Floats) -> None:
+        """Add nodes round a place."""
+        raise NotImplementedError
+
+
+class Limits(Around):
+    """The limits near the machine; those that are off are hidden, suspended ones red wire."""
+
+    def __init__(self, scene: Any, limits: Sequence[Limit], at: Floats) -> None:
+        self._scene = scene
         self._limits = {limit.id: limit for limit in limits}
-        self._nodes: dict[str, list[Any]] = {}
+        self._parts = {limit.id: tuple(mesh_parts(limit.solid)) for limit in limits}
+        super().__init__(at)
+
+    def _draw(self, at: Floats) -> None:
+        self._of: dict[str, list[Any]] = {}
         self._shown: dict[str, str] = {}
-        for limit in limits:
-            nodes = []
-            for i, part in enumerate(mesh_parts(limit.solid)):
-                faces = _near_faces(part.vertices, part.faces, around)
+        for name, limit in self._limits.items():
+            self._of[name] = []
+            for i, part in enumerate(self._parts[name]):
+                faces = _near_faces(part.vertices, part.faces, at)
                 if not len(faces):
                     continue
                 used, local = np.unique(faces, return_inverse=True)
                 middle = part.vertices[used].mean(axis=0)
                 rgb, opacity = colours.LIMITS[limit.kind]
-                nodes.append(
-                    scene.add_mesh_simple(
-                        f"/limits/{limit.kind}/{limit.id.replace('/', '-')}/{i}",
+                self._of[name].append(
+                    self._scene.add_mesh_simple(
+                        f"/limits/{limit.kind}/{name.replace('/', '-')}/{i}",
                         (part.vertices[used] - middle).astype(np.float32),
                         local.reshape(-1, 3).astype(np.uint32),
                         color=rgb,
@@ -115,7 +149,7 @@ class Limits:
                         position=tuple(middle),
                     )
                 )
-            self._nodes[limit.id] = nodes
+            self._nodes.extend(self._of[name])
 
     def update(self, off_states: Sequence[str], let_off: frozenset[str], suspended: Sequence[Suspended]) -> None:
         """Show what counts now."""
@@ -128,7 +162,7 @@ class Limits:
                 continue
             self._shown[name] = look
             rgb, opacity = colours.LIMITS[limit.kind]
-            for node in self._nodes[name]:
+            for node in self._of[name]:
                 node.visible = look != "hidden"
                 node.wireframe = look == "suspended"
                 node.color = (220, 0, 0) if look == "suspended" else rgb
@@ -184,47 +218,51 @@ class Clearances:
                 self._halos[i].position, self._halos[i].scale = tuple(a), float(min(one.protection_m, 5.0))
 
 
-class Tracks:
+class Tracks(Around):
     """Rails of the alignments near the machine, their names and chainages."""
 
-    def __init__(self, scene: Any, session: Session) -> None:
-        origin = session.frame.origin
-        at = session.true_state[1][:3, 3]
-        for alignment in session.site.alignments:
+    def __init__(self, scene: Any, session: Session, at: Floats) -> None:
+        self._scene, self._session = scene, session
+        super().__init__(at)
+
+    def _draw(self, at: Floats) -> None:
+        origin = self._session.frame.origin
+        for alignment in self._session.site.alignments:
             distance, offset = alignment.project((at[:2] + origin[:2])[None])
             if abs(float(offset[0])) > CHAINAGE_WITHIN_M:
                 continue
             first = max(0.0, float(distance[0]) - CHAINAGE_WITHIN_M)
             last = min(alignment.length, float(distance[0]) + CHAINAGE_WITHIN_M)
-            self._draw(scene, session, alignment, first, last, float(distance[0]))
+            self._track(alignment, first, last, float(distance[0]))
 
-    @staticmethod
-    def _draw(scene: Any, session: Session, alignment: Any, first: float, last: float, here: float) -> None:
+    def _track(self, alignment: Any, first: float, last: float, here: float) -> None:
+        """Draw one track between two distances along it, its name where the machine is."""
+        origin = self._session.frame.origin
         along = np.unique(np.concatenate([np.arange(first, last, 2.0), [last]]))
         state = alignment.at(along)
-        z = np.where(np.isfinite(state.z), state.z, session.frame.origin[2])
-        middle = np.stack([state.e, state.n, z], axis=1) - session.frame.origin
+        z = np.where(np.isfinite(state.z), state.z, origin[2])
+        middle = np.stack([state.e, state.n, z], axis=1) - origin
         left = np.stack([-np.cos(state.heading), np.sin(state.heading), np.zeros_like(z)], axis=1)
         name = alignment.name.strip()
         for side, half in (("left", 0.75), ("right", -0.75)):
             rail = middle + half * left
-            scene.add_line_segments(
-                f"/tracks/{name}/{side}",
-                np.stack([rail[:-1], rail[1:]], axis=1).astype(np.float32),
-                colours.RAIL,
-                thickness=0.07,
+            segments = np.stack([rail[:-1], rail[1:]], axis=1).astype(np.float32)
+            self._nodes.append(
+                self._scene.add_line_segments(f"/tracks/{name}/{side}", segments, colours.RAIL, thickness=0.07)
             )
         for at in np.arange(math.ceil(first / CHAINAGE_M) * CHAINAGE_M, last, CHAINAGE_M).tolist():
             i = int(np.argmin(np.abs(along - at)))
             station = float(np.ravel(alignment.station(at))[0])
             text = f"{int(station // 1000)}+{station % 1000:03.0f}"
             near = abs(at - here) <= 0.5 * CHAINAGE_M
-            scene.add_label(
-                f"/tracks/{name}/{at:.0f}",
-                f"{name} {text}" if near else text,
-                position=tuple(middle[i] + np.array([0.0, 0.0, 0.1])),
-                anchor="center-center",
-                font_screen_scale=0.8,
+            self._nodes.append(
+                self._scene.add_label(
+                    f"/tracks/{name}/{at:.0f}",
+                    f"{name} {text}" if near else text,
+                    position=tuple(middle[i] + np.array([0.0, 0.0, 0.1])),
+                    anchor="center-center",
+                    font_screen_scale=0.8,
+                )
             )
 
 
@@ -241,7 +279,7 @@ class Scene:
         q, T = session.true_state
         self.T_site_machine = T
         self._limits = Limits(scene, session.limit_set.limits, T[:3, 3])
-        Tracks(scene, session)
+        self._tracks = Tracks(scene, session, T[:3, 3])
         self._machine = Boxes(scene, machine, "/machine", colours.MACHINE)
         self._machine.place(q, T)
         self._stop = Boxes(scene, machine, "/stop", colours.STOP_GHOST, 0.35)
@@ -263,6 +301,8 @@ class Scene:
             self._stop.place(now.stop_q, T)
         keep = dict(now.settings).get("stop_distance_m", 0.0)
         self._near.update(now.near, keep)
+        self._tracks.follow(T[:3, 3])
+        self._limits.follow(T[:3, 3])
         self._limits.update(now.off_states, self._session.let_off, now.suspended)
         self._preview(now)
 

@@ -12,6 +12,7 @@ from workgauge.rehearse.scenario_file import LoadedScenario
 from workgauge.rehearse.session import Session
 from workgauge.rehearse.station import telling
 from workgauge.rehearse.station.asking import Asking
+from workgauge.rehearse.station.coasting import Coasting
 from workgauge.rehearse.station.desk import Desk, DeskSettings
 from workgauge.rehearse.station.goals import Goals
 from workgauge.rehearse.station.playing import Player
@@ -75,6 +76,7 @@ class Station:
         self.paused = False
         self.stopped = ""
         self.goals = Goals(self.session)
+        self._coasting = Coasting(self.session)
         self.suspensions = Suspensions(may_suspend(self.session.limit_set.limits, self.session.rules))
         self._done: StepResult | None = None
         self._levers = Levers()
@@ -172,6 +174,7 @@ class Station:
         self._levers = Levers() if intent is None else intent.levers
         done = session.step(intent, job)
         self._done = done
+        self._coasting.step(done.trace.valves, session.true_state[0])
         self._times = [*self._times, done.tick_ms][-TIMES:]
         facts = done.trace.job
         if facts is not None and self.player is None:
@@ -253,7 +256,7 @@ class Station:
             enabled=session.gate_open and not self.paused,
             q=telling.rounded(q, 9),
             pose=telling.rows(T),
-            stop_q=telling.rounded(telling.stop_posture(session, valves, q)),
+            stop_q=telling.rounded(self._coasting.rest(q)),
             desired=still if trace is None else telling.rounded(trace.desired),
             allowed=still if trace is None else telling.rounded(trace.allowed),
             valves=valves,

@@ -6,7 +6,6 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from workgauge.guard.registry import GUARDS
-from workgauge.machine.stopping import StoppingModel
 from workgauge.rehearse.session import Session
 from workgauge.rehearse.step_result import StepResult
 from workgauge.values.arrays import Floats
@@ -120,15 +119,6 @@ def lever_ranges(done: StepResult) -> tuple[tuple[float, float], ...]:
         return ()
     pairs = zip(rounded(ranges.joints_low, 5), rounded(ranges.joints_high, 5), strict=True)
     return tuple(pairs)
-
-
-def stop_posture(session: Session, valves: Sequence[int], q: Floats) -> Floats:
-    """Return (n,) where the joints come to rest if the valves close now, by the machine file's stopping model."""
-    if not session.moving.late:
-        return q
-    speed = np.array(session.config.drive.velocity(tuple(valves), q.tolist()))
-    travel = StoppingModel.of(session.machine).stop_travel(speed)
-    return np.clip(q + travel, session.machine.q_min, session.machine.q_max)
 
 
 def guard_settings(guard: object) -> tuple[tuple[str, float], ...]:
