@@ -1,10 +1,11 @@
 """The page's server on a post of its own, a machine that is only a mailbox."""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import pytest
+import yaml
 
 pytest.importorskip("starlette", reason="the cockpit's extra is not installed")
 pytest.importorskip("websockets", reason="the cockpit's extra is not installed")
@@ -17,6 +18,7 @@ from workgauge.bus.memory_mail import MemoryMail, MemoryPost
 from workgauge.cockpit.access import Access
 from workgauge.cockpit.hub import Hub
 from workgauge.cockpit.server import Cockpit
+from workgauge.rehearse.shipped import shipped_path
 from workgauge.values.mail import Mail
 from workgauge.values.measurements import Stamp
 from workgauge.values.station import Heard, Setup, Snapshot
@@ -93,3 +95,58 @@ def conf() -> object:
     import types
 
     return types.SimpleNamespace(a_setup=a_setup, a_snapshot=a_snapshot)
+
+
+@pytest.fixture(scope="session")
+def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[object]:
+    """All processes, begun once; the rule book lets poles be suspended for ten minutes."""
+    from stack import Stack, no_browser
+
+    if why := no_browser():
+        pytest.skip(why)
+    rules = yaml.safe_load(shipped_path("rules", "finland.yaml").read_text())
+    rules["may_suspend"] = [{"rule": "catenary-pole", "at_most_min": 10}]
+    path = tmp_path_factory.mktemp("rules") / "rules.yaml"
+    path.write_text(yaml.safe_dump(rules))
+    begun = Stack.begin(rules=path)
+    yield begun
+    begun.end()
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[object]:
+    from stack import CHROMIUM, FLAGS, no_browser
+
+    if why := no_browser():
+        pytest.skip(why)
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
+        found = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield found
+        found.close()
+
+
+@pytest.fixture
+def contexts(stack, browser) -> Iterator[Callable[..., object]]:
+    """Make browser contexts, each a person of its own; whoever still has the seat leaves it at the end."""
+    made = []
+
+    def another(**given: object) -> object:
+        made.append(browser.new_context(**({"viewport": {"width": 1024, "height": 768}} | given)))
+        return made[-1]
+
+    yield another
+    for one in made:
+        for page in one.pages:
+            if page.locator("#leave").is_visible():
+                page.click("#leave")
+        one.close()
+    stack.until(lambda now: not now.driver, "the seat is free")
+
+
+@pytest.fixture
+def page(stack, contexts) -> object:
+    from stack import opened
+
+    return opened(contexts(), stack)

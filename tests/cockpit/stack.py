@@ -1,10 +1,13 @@
-"""The real thing for tests: all processes, and a browser on the page."""
+"""The real thing for tests: all processes, and people on its page."""
 
 import os
 import shutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
 
 from workgauge.app.cockpit_processes import Minder, Plan, free_port
 from workgauge.bus.zenoh_mail import ZenohMail
@@ -15,7 +18,7 @@ from workgauge.rehearse.station.desk import DeskSettings
 from workgauge.values.station import Snapshot
 from workgauge.wire.station import decode_station, topic
 
-TOKEN = "operator-of-the-tests"
+TOKEN, SUPERVISOR = "operator-of-the-tests", "supervisor-of-the-tests"
 CHROMIUM = next((found for name in ("chromium", "chromium-browser") if (found := shutil.which(name))), None)
 #: Drawn by the processor, nothing looked up elsewhere.
 FLAGS = [
@@ -49,14 +52,15 @@ class Stack:
         scenario: str = "pole-approach",
         *,
         token: str | None = TOKEN,
+        rules: Path | None = None,
         joints: str = "ideal",
         intent_age_s: float = 1.0,
         round_trip_s: float = 4.0,
         gone_s: float = 2.0,
     ) -> "Stack":
-        loaded = load_scenario(scenario).choosing(guard="barrier", joints=joints)  # type: ignore[arg-type]
+        loaded = load_scenario(scenario).choosing(guard="barrier", joints=joints, rules=rules)  # type: ignore[arg-type]
         name = open_session(loaded).machine_id
-        access = Access("127.0.0.1", free_port(), token)
+        access = Access("127.0.0.1", free_port(), token, None if token is None else SUPERVISOR)
         # a browser that draws with the processor, on two cores, is slower than any operator's
         desk = DeskSettings(intent_age_s=intent_age_s, round_trip_s=round_trip_s, gone_s=gone_s)
         plan = Plan.of(loaded, desk, access, name)
@@ -99,3 +103,41 @@ class Stack:
     def end(self) -> None:
         self.mail.close()
         self.minder.stop()
+
+
+def no_browser() -> str:
+    """Return why the page cannot be opened in a browser here, empty if it can."""
+    missing = [name for name in ("playwright", "zenoh", "viser", "starlette", "uvicorn") if not find_spec(name)]
+    if missing:
+        return f"not installed: {', '.join(missing)}"
+    return "" if CHROMIUM else "NO CHROMIUM on this computer: the page is NOT tested in a browser"
+
+
+def opened(context: Any, stack: Stack, token: str = TOKEN, *, view: bool = False) -> Any:
+    """Open the page; without the view, which takes the processor's whole time to draw."""
+    page = context.new_page()
+    page.on("pageerror", lambda error: print("page:", str(error)[:200]))
+    if not view:
+        page.route("**/view/**", lambda route: route.abort())
+    page.goto(f"{stack.address}?token={token}")
+    wait_until(lambda: page.inner_text("#clock") != "0.0 s", what="the machine is there")
+    return page
+
+
+def shows(page: Any, where: str, words: str) -> None:
+    """Wait until a part of the page says something."""
+    wait_until(lambda: words in page.inner_text(where), what=f"{where} says {words}")
+
+
+def seated(page: Any, stack: Stack) -> None:
+    """Take the seat, put the machine back to its start, and press Enable."""
+    page.click("#take")
+    stack.until(lambda now: now.driver, "the seat is taken")
+    page.wait_for_selector("#leave", state="visible", timeout=20_000)
+    if page.locator("#clear").is_visible():
+        page.click("#clear")
+    page.click("#restart")
+    stack.until(lambda now: now.t_s < 2.0 and now.driver, "back at the start", 40.0)
+    shows(page, "#seatText", "you drive")
+    page.keyboard.press("Enter")
+    stack.until(lambda now: now.enabled, "enabled")

@@ -1,80 +1,14 @@
 """The real stack: browser, page, view, Zenoh, machine; what an operator does, and what may go wrong meanwhile."""
 
-from collections.abc import Callable, Iterator
-
 import pytest
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-for part in ("zenoh", "viser", "starlette", "uvicorn"):
+for part in ("playwright", "zenoh", "viser", "starlette", "uvicorn"):
     pytest.importorskip(part, reason="the cockpit's extra is not installed")
 
-from stack import CHROMIUM, FLAGS, TOKEN, Stack, wait_until  # noqa: E402
+from stack import Stack, opened, seated, shows, wait_until  # noqa: E402
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this computer")
-
-
-@pytest.fixture(scope="module")
-def stack() -> Iterator[Stack]:
-    begun = Stack.begin()
-    yield begun
-    begun.end()
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[object]:
-    with playwright.sync_playwright() as driver:
-        found = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield found
-        found.close()
-
-
-@pytest.fixture
-def contexts(stack: Stack, browser) -> Iterator[Callable[[], object]]:
-    """Make browser contexts, each a person of its own; whoever still has the seat leaves it by leaving."""
-    made = []
-
-    def another() -> object:
-        made.append(browser.new_context(viewport={"width": 1024, "height": 768}))
-        return made[-1]
-
-    yield another
-    for one in made:
-        one.close()
-    stack.until(lambda now: not now.driver, "the seat is free")
-
-
-@pytest.fixture
-def page(stack: Stack, contexts) -> object:
-    return _opened(contexts(), stack)
-
-
-def _opened(context, stack: Stack, *, view: bool = False):
-    """Open the page; without the view, which takes the processor's whole time to draw."""
-    page = context.new_page()
-    page.on("pageerror", lambda error: print("page:", str(error)[:200]))
-    if not view:
-        page.route("**/view/**", lambda route: route.abort())
-    page.goto(f"{stack.address}?token={TOKEN}")
-    wait_until(lambda: page.inner_text("#clock") != "0.0 s", what="the machine is there")
-    return page
-
-
-def shows(page, where: str, words: str) -> None:
-    wait_until(lambda: words in page.inner_text(where), what=f"{where} says {words}")
-
-
-def _seated(page, stack: Stack) -> None:
-    """Take the seat, put the machine back to its start, and press Enable."""
-    page.click("#take")
-    stack.until(lambda now: now.driver, "the seat is taken")
-    page.wait_for_selector("#leave", state="visible", timeout=10_000)
-    if page.locator("#clear").is_visible():
-        page.click("#clear")
-    page.click("#restart")
-    stack.until(lambda now: now.t_s < 2.0 and now.driver, "back at the start", 40.0)
-    shows(page, "#seatText", "you drive")
-    page.keyboard.press("Enter")
-    stack.until(lambda now: now.enabled, "enabled")
+# one stack for all of them: one worker has it
+pytestmark = pytest.mark.xdist_group("cockpit")
 
 
 def test_a_wrong_token_is_refused(stack: Stack, browser) -> None:
@@ -88,7 +22,7 @@ def test_a_wrong_token_is_refused(stack: Stack, browser) -> None:
 
 
 def test_a_key_drives_the_guard_stops_and_the_page_says_which_limit(page, stack: Stack) -> None:
-    _seated(page, stack)
+    seated(page, stack)
     page.keyboard.down("a")
     stack.until(lambda now: abs(now.allowed[0]) > 0.05, "it moves")
     now = stack.until(lambda now: now.held and now.held[0].scale is not None and now.held[0].scale < 0.05, "held")
@@ -105,7 +39,7 @@ def test_a_key_drives_the_guard_stops_and_the_page_says_which_limit(page, stack:
 
 
 def test_the_stop_key_stops_and_stays(page, stack: Stack) -> None:
-    _seated(page, stack)
+    seated(page, stack)
     page.keyboard.down("d")
     stack.until(lambda now: any(now.valves), "it moves")
     page.keyboard.press("Space")
@@ -121,7 +55,7 @@ def test_the_stop_key_stops_and_stays(page, stack: Stack) -> None:
 
 
 def test_the_scenario_plays(page, stack: Stack) -> None:
-    _seated(page, stack)
+    seated(page, stack)
     page.click("#play")
     stack.until(lambda now: now.doing == "scenario" and any(now.valves), "it plays", 40.0)
     shows(page, "#step", "towards the limit")
@@ -129,7 +63,7 @@ def test_the_scenario_plays(page, stack: Stack) -> None:
 
 
 def test_a_state_that_is_switched_appears_and_acts(page, stack: Stack) -> None:
-    _seated(page, stack)
+    seated(page, stack)
     box = page.locator("#states input[value='Track 2 open to traffic']")
     assert box.is_checked()
     assert any(one.limit == "track:Track 2" for one in stack.now().near)
@@ -142,9 +76,9 @@ def test_a_state_that_is_switched_appears_and_acts(page, stack: Stack) -> None:
 
 
 def test_a_second_page_cannot_drive_until_the_first_hands_over(page, stack: Stack, contexts) -> None:
-    _seated(page, stack)
+    seated(page, stack)
     first = stack.now().driver
-    other = _opened(contexts(), stack)
+    other = opened(contexts(), stack)
     shows(other, "#take", "Ask for the seat")
     other.keyboard.press("Enter")
     other.keyboard.down("d")
@@ -162,7 +96,7 @@ def test_a_second_page_cannot_drive_until_the_first_hands_over(page, stack: Stac
 
 
 def test_the_guard_is_chosen_with_a_word_of_confirmation(page, stack: Stack) -> None:
-    _seated(page, stack)
+    seated(page, stack)
     page.select_option("#guard", "linear")
     page.fill("#settings input[name=stop_distance_m]", "0.3")
     page.click("#guardSet")
@@ -178,7 +112,7 @@ def test_the_guard_is_chosen_with_a_word_of_confirmation(page, stack: Stack) -> 
 
 
 def test_flooding_and_nonsense_do_not_reach_the_machine(page, stack: Stack) -> None:
-    _seated(page, stack)
+    seated(page, stack)
     before = stack.now()
     page.evaluate(
         """() => { const s = new WebSocket(location.origin.replace('http', 'ws') + '/link');
@@ -194,7 +128,7 @@ def test_flooding_and_nonsense_do_not_reach_the_machine(page, stack: Stack) -> N
 
 
 def test_a_killed_page_leaves_the_machine_stopped_and_a_new_one_picks_up(page, stack: Stack) -> None:
-    _seated(page, stack)
+    seated(page, stack)
     page.keyboard.down("d")
     stack.until(lambda now: any(now.valves), "it moves")
     stack.kill("page")
@@ -210,12 +144,12 @@ def test_a_killed_page_leaves_the_machine_stopped_and_a_new_one_picks_up(page, s
     wait_until(again, what="the page's server begins again")
     page.keyboard.up("d")
     shows(page, "#doing", "nobody drives")
-    _seated(page, stack)
+    seated(page, stack)
     assert any("page process has ended" in text for text in stack.said)
 
 
 def test_a_killed_view_or_preview_does_not_matter(page, stack: Stack) -> None:
-    _seated(page, stack)
+    seated(page, stack)
     page.keyboard.down("d")
     stack.until(lambda now: any(now.valves), "it moves")
     stack.kill("view")

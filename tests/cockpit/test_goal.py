@@ -11,18 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-for part in ("zenoh", "viser", "starlette", "uvicorn"):
+for part in ("playwright", "zenoh", "viser", "starlette", "uvicorn"):
     pytest.importorskip(part, reason="the cockpit's extra is not installed")
 
-from stack import CHROMIUM, FLAGS, Stack, wait_until  # noqa: E402
+from stack import Stack, no_browser, wait_until  # noqa: E402
 
 from workgauge.cockpit.view import HANDLE_SCALE  # noqa: E402
 from workgauge.machine.load import load_machine  # noqa: E402
 from workgauge.wire.station import decode_station, topic  # noqa: E402
 
 # drawn by the processor, this takes minutes
-pytestmark = [pytest.mark.prove, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this computer")]
+pytestmark = [pytest.mark.prove, pytest.mark.skipif(bool(no_browser()), reason=no_browser())]
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
 FOV = np.radians(75.0)
@@ -146,34 +145,32 @@ def drawn(page, frames: int) -> None:
     )
 
 
-def test_a_goal_is_dragged_looked_at_and_run(stack: Stack) -> None:
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        large = bool(os.environ.get("WORKGAUGE_PICTURES"))  # drawn by the processor: small is quick
-        page = browser.new_page(viewport={"width": 1024, "height": 768 if large else 480})
-        page.set_default_timeout(1e3 * PATIENCE_S)
-        page.goto(stack.address)
-        wait_until(lambda: page.inner_text("#clock") != "0.0 s", PATIENCE_S, "the machine is there")
-        operator = Operator(page, stack)
-        page.click("#take")
-        stack.until(lambda now: now.driver, "the seat is taken", PATIENCE_S)
-        page.frame_locator("#view").locator("canvas").first.wait_for()
-        drawn(page, 20)
-        picture(page, "overview")
-        operator.places_goal()
-        wait_until(lambda: "reach" in page.inner_text("#verdict"), PATIENCE_S, "a verdict on where it is")
-        before, first = operator.tool()[:3, 3], stack.now().preview
-        made = operator.drags(0.5)
-        stack.until(lambda now: now.preview not in ("", first) and not now.previewing, "looked at", PATIENCE_S)
-        wait_until(lambda: "reaches in" in page.inner_text("#verdict"), PATIENCE_S, "a verdict")
-        assert "closest" in page.inner_text("#verdict")
-        assert page.locator("#run").is_disabled(), "not enabled yet"
-        drawn(page, 20)
-        picture(page, "goal")
-        operator.until(lambda: not page.locator("#run").is_disabled(), "it may be run")
-        page.click("#run")
-        operator.until(lambda: any("goal begun" in one.text for one in stack.now().events), "it is begun")
-        operator.until(lambda: any("reached its goal" in one.text for one in stack.now().events), "it is there")
-        stack.until(lambda now: not any(now.valves), "it rests", PATIENCE_S)
-        assert np.linalg.norm(operator.tool()[:3, 3] - before - made) < 0.06
-        browser.close()
+def test_a_goal_is_dragged_looked_at_and_run(stack: Stack, browser) -> None:
+    large = bool(os.environ.get("WORKGAUGE_PICTURES"))  # drawn by the processor: small is quick
+    page = browser.new_page(viewport={"width": 1024, "height": 768 if large else 480})
+    page.set_default_timeout(1e3 * PATIENCE_S)
+    page.goto(stack.address)
+    wait_until(lambda: page.inner_text("#clock") != "0.0 s", PATIENCE_S, "the machine is there")
+    operator = Operator(page, stack)
+    page.click("#take")
+    stack.until(lambda now: now.driver, "the seat is taken", PATIENCE_S)
+    page.frame_locator("#view").locator("canvas").first.wait_for()
+    drawn(page, 20)
+    picture(page, "overview")
+    operator.places_goal()
+    wait_until(lambda: "reach" in page.inner_text("#verdict"), PATIENCE_S, "a verdict on where it is")
+    before, first = operator.tool()[:3, 3], stack.now().preview
+    made = operator.drags(0.5)
+    stack.until(lambda now: now.preview not in ("", first) and not now.previewing, "looked at", PATIENCE_S)
+    wait_until(lambda: "reaches in" in page.inner_text("#verdict"), PATIENCE_S, "a verdict")
+    assert "closest" in page.inner_text("#verdict")
+    assert page.locator("#run").is_disabled(), "not enabled yet"
+    drawn(page, 20)
+    picture(page, "goal")
+    operator.until(lambda: not page.locator("#run").is_disabled(), "it may be run")
+    page.click("#run")
+    operator.until(lambda: any("goal begun" in one.text for one in stack.now().events), "it is begun")
+    operator.until(lambda: any("reached its goal" in one.text for one in stack.now().events), "it is there")
+    stack.until(lambda now: not any(now.valves), "it rests", PATIENCE_S)
+    assert np.linalg.norm(operator.tool()[:3, 3] - before - made) < 0.06
+    page.close()

@@ -1,7 +1,9 @@
 """What the page's server knows of the machine, and what it passes on to it; one task reads the mail for all pages."""
 
 import asyncio
+import json
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -14,6 +16,8 @@ from workgauge.wire.station import as_json, decode_station, encode_station, topi
 
 #: The mail is looked at so often [s].
 LOOK_S = 0.004
+#: Pages are told no more often than this what was refused [s].
+TELL_S = 0.5
 #: So many snapshots are remembered, to tell how old what a page has seen is.
 REMEMBERED = 256
 #: Topics read.
@@ -56,11 +60,14 @@ class Hub:
         self._seen_ns: dict[int, int] = {}
         self.posts: set[Post] = set()
         self.setup: Setup | None = None
+        self.refused: Counter[str] = Counter()  #: what pages said and was not passed on, by cause
+        self._told: Counter[str] = Counter()
+        self._told_ns = clock()
 
     def join(self) -> Post:
         """Return a new page's post, with what is known already."""
         post = Post()
-        for kind in ("setup", "snapshot", "preview-result"):
+        for kind in ("setup", "snapshot", "preview-result", "refused"):
             if kind in self._newest:
                 post.put(kind, self._newest[kind])
         self.posts.add(post)
@@ -86,6 +93,9 @@ class Hub:
                     continue
                 if isinstance(value, Snapshot | Setup | PreviewResult | Handle):
                     self._take(name, value)
+        if self._told != self.refused and self._clock() - self._told_ns > TELL_S * 1e9:
+            self._told, self._told_ns = self.refused.copy(), self._clock()
+            self._tell("refused", json.dumps(self.refused))
 
     def _take(self, name: str, value: Snapshot | Setup | PreviewResult | Handle) -> None:
         if isinstance(value, Snapshot):
@@ -93,7 +103,11 @@ class Hub:
             self._seen_ns.pop(value.number - REMEMBERED, None)
         elif isinstance(value, Setup):
             self.setup = value
-        text = f'{{"say":"{name}","is":{as_json(value).decode()}}}'
+        self._tell(name, as_json(value).decode())
+
+    def _tell(self, name: str, value: str) -> None:
+        """Tell all pages something new, as JSON."""
+        text = f'{{"say":"{name}","is":{value}}}'
         if name == "setup" and self._newest.get(name) == text:
             return
         self._newest[name] = text

@@ -48,7 +48,7 @@ class Link:
         prefix = "supervisor" if role is Role.SUPERVISOR else "page"
         self.source = f"{prefix}-{secrets.token_hex(4)}"
         self._limit = Limit(PER_SECOND)
-        self._nonsense = self._late = 0
+        self._nonsense = 0
 
     async def run(self) -> None:
         """Speak with the page until it leaves."""
@@ -76,6 +76,7 @@ class Link:
             except (WebSocketDisconnect, KeyError):  # gone, or bytes where text should be
                 return
             if not self._limit.room():
+                self._hub.refused["flooding"] += 1
                 if self._limit.refused > 10 * PER_SECOND:
                     await self._socket.close(1008, "too much at once")
                     return
@@ -89,13 +90,14 @@ class Link:
     def _take(self, text: str) -> bool:
         """Pass on what the page said; return whether it was understood."""
         if len(text) > LONGEST:
+            self._hub.refused["oversized"] += 1
             return False
         try:
             said = heard(text)
             stamp = self._hub.stamp(self.source)
             if isinstance(said, Hands):
                 if self._hub.late(said.seen):
-                    self._late += 1  # held up on the way: what it wanted then is not what it wants now
+                    self._hub.refused["late"] += 1  # held up on the way: what it wanted then is not what it wants now
                 else:
                     self._hub.intent(said.intent(stamp), said.n)
             elif isinstance(said, Look):
@@ -103,5 +105,6 @@ class Link:
             elif isinstance(said, Ask | Seen):
                 self._hub.request(said.request(stamp))
         except WireError:
+            self._hub.refused["malformed"] += 1
             return False
         return True

@@ -325,4 +325,8 @@ class RuleBook(Sourced):
                     raise ValueError(
                         f"rule {rule.name!r} names voltage {block.voltage!r}; allowed: {sorted(self.voltages)}"
                     )
+        makers = seen | {zone.name for zone in self.zones}
+        for one in self.may_suspend:
+            if one.rule not in makers:
+                raise ValueError(f"may_suspend names {one.rule!r}, no rule or zone; allowed: {sorted(makers)}")
         return self

@@ -8,6 +8,7 @@ const $ = (id) => document.getElementById(id);
 const PERIOD_MS = 33; // of the hands
 const SETTLED_MS = 350; // a handle at rest for so long is looked at
 const SHOWN_MS = 120; // the gate wants to see the switch let go before it is pressed
+const NOTICE_MS = 8000; // what was refused is said for so long
 const REFUSED_MS = 1500; // pressed for so long, and the gate does not open: let go again
 
 const link = new Link();
@@ -17,6 +18,7 @@ let setup = null, now = null, mine = false, count = 0;
 let pressed = false, pressedAt = 0, out = false; // the dead-man switch, since when, and the way out held
 let look = { view: "overview", dark: false, handle: false };
 let goal = null; // {id, pose, found}
+let refused = {}; // of what pages said, by cause
 let settling = 0;
 
 const say = (text) => new Promise((resolve) => {
@@ -58,11 +60,13 @@ link.addEventListener("snapshot", (event) => {
   if (!setup) return;
   if (!before || before.guard !== now.guard) guardShown();
   mine = panels.seat(now, link.you.source);
-  const refused = pressed && !now.enabled && performance.now() - pressedAt > REFUSED_MS;
-  if (pressed && (!mine || now.stopped || refused)) press(false);
+  const shut = pressed && !now.enabled && performance.now() - pressedAt > REFUSED_MS;
+  if (pressed && (!mine || now.stopped || shut)) press(false);
   $("enable").disabled = !mine || Boolean(now.stopped);
   chart.take(now, setup.joints);
+  notice();
 });
+link.addEventListener("refused", (event) => { refused = event.detail; });
 link.addEventListener("preview-result", (event) => {
   if (goal && event.detail.found.id === goal.id) goal.found = event.detail.found;
 });
@@ -74,6 +78,20 @@ link.addEventListener("handle", (event) => {
   clearTimeout(settling);
   settling = setTimeout(lookAhead, SETTLED_MS);
 });
+
+// What was asked here and refused is said for a while; what becomes of a goal is said beside it.
+const noticed = new Set();
+let noticedAt = 0;
+function notice() {
+  for (const answer of now.answers) {
+    if (answer.to !== link.you.source || noticed.has(answer.id)) continue;
+    noticed.add(answer.id);
+    if (answer.done || answer.id === goal?.asked) continue;
+    $("notice").textContent = answer.text;
+    noticedAt = performance.now();
+  }
+  $("notice").hidden = !noticedAt || performance.now() - noticedAt > NOTICE_MS;
+}
 
 function lookAhead() {
   if (!goal || !mine) return;
@@ -99,7 +117,7 @@ function draw() {
   panels.log(now);
   if (now.number % 3 === 0) {
     panels.near(now);
-    panels.facts(now, setup);
+    panels.facts(now, setup, refused);
   }
   chart.draw(setup.joints, panels.keep(now));
   $("step").textContent = now.step || "the shipped drive of this place";
@@ -184,6 +202,9 @@ $("override").onclick = async () => {
   if (option && await say(`Suspend “${option.textContent}” for ${minutes} minutes? Nothing will keep the machine out of it. This is logged with your reason: ${reason}`)) {
     link.ask("override", { text: option.value, number: minutes, reason });
   }
+};
+$("overrideEnd").onclick = () => {
+  for (const one of now.suspended) link.ask("override", { text: one.limit, number: 0 });
 };
 
 // --- the view ------------------------------------------------------------------------------------------------------

@@ -23,6 +23,7 @@ export const keep = (now) => Object.fromEntries(now.settings).stop_distance_m ??
 export function held(now, mine) {
   const bar = $("held");
   const worst = now.held.find((one) => !QUIET.has(one.code)) ?? now.held[0];
+  const inside = now.near.find((one) => one.kind !== "self" && one.distance_m < 0);
   const wanted = now.levers.some((one) => Math.abs(one) > 0.05) || now.doing === "scenario";
   let kind = "none", what = "Free", why = "nothing holds the machine back";
   if (now.doing === "paused") [kind, what, why] = ["idle", "Paused", "the machine's time stands still"];
@@ -31,6 +32,7 @@ export function held(now, mine) {
     [kind, what, why] = nobody ? ["idle", "Nobody drives", "take the driver's seat to drive"] : ["idle", "Not enabled", worst.text];
     if (mine && worst.code === "not_enabled") why = "levers in the middle, then press Enable";
     if (worst.code === "stale_intent") [kind, what] = ["stop", "Stopped"];
+    if (inside && !nobody) what += `, inside ${inside.name}`;
   } else if (worst) {
     const stopped = worst.scale === 0 || worst.code === "limit_reached" || worst.code === "stopped" || worst.code === "pinned";
     kind = stopped ? "stop" : "slow";
@@ -39,11 +41,14 @@ export function held(now, mine) {
     else if (worst.joint) what += `: ${worst.joint}`;
     if (worst.code === "inside_limit" || worst.code === "way_out") what = `Inside ${worst.limit ?? "a limit"}`;
     why = worst.text;
+  } else if (inside) {
+    [kind, what] = ["stop", `Inside ${inside.name}`];
+    why = `${inside.link} by ${(-inside.distance_m).toFixed(2)} m: hold Drive out, or lead it out with the levers`;
   } else if (!wanted) why = "levers in the middle";
   state(bar, kind);
   set($("heldWhat"), what);
   set($("heldWhy"), why);
-  $("out").hidden = !now.held.some((one) => one.code === "inside_limit" || one.code === "way_out");
+  $("out").hidden = !mine || !inside && !now.held.some((one) => one.code === "inside_limit" || one.code === "way_out");
 }
 
 export function buildBars(setup, pattern) {
@@ -127,9 +132,10 @@ export function states(now) {
   for (const box of $("states").querySelectorAll("input")) box.checked = !now.off_states.includes(box.value);
 }
 
-export function facts(now, setup) {
+export function facts(now, setup, shown) {
   const settings = now.settings.map(([name, value]) => `${name.replace("_distance_m", "")} ${value.toFixed(2)} m`).join(", ");
-  const refused = Object.entries(now.heard).filter(([, n]) => n > 0).map(([name, n]) => `${n} ${name.replace("_", " ")}`);
+  const counts = (heard) => Object.entries(heard).filter(([, n]) => n > 0).map(([name, n]) => `${n} ${name.replace("_", " ")}`);
+  const refused = [counts(now.heard).join(", "), counts(shown).map((one) => `${one} of pages`).join(", ")].filter(Boolean);
   const said = [
     ["guard", now.guard], ["keeps", settings || "–"], ["rules", setup.rules], ["site", setup.site],
     ["tick", `${now.tick_ms[0].toFixed(1)} ms, at most ${now.tick_ms[1].toFixed(1)} of ${setup.period_ms.toFixed(0)}`],
@@ -155,6 +161,7 @@ export function log(now) {
 export function suspended(now) {
   const bar = $("suspended");
   bar.hidden = now.suspended.length === 0;
+  $("overrideEnd").hidden = bar.hidden;
   set(bar, now.suspended.map((one) => `SUSPENDED: ${one.name}, ${Math.ceil(one.left_s / 60)} min left, by ${one.by}: ${one.reason}`).join(" · "));
 }
 
