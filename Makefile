@@ -45,7 +45,7 @@ test: $(VENV)/.test
 	$(VENV)/bin/ruff format --check src tests benchmarks examples
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
-	CI=$${CI:-true} $(PY) -m pytest -n $(JOBS) -m "not prove"
+	CI=$${CI:-true} $(PY) -m pytest -n $(JOBS) --dist loadgroup -rs -m "not prove"
 
 prove: $(VENV)/.test
 	$(PY) benchmarks/prove.py

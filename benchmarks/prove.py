@@ -257,7 +257,20 @@ def prove_tests(_scale: float, _pool) -> Row:
     """The long property tests that `make test` leaves out."""
     began = time.perf_counter()
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-m", "prove", "-n", "2", "-p", "no:cacheprovider"],
+        [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-m",
+            "prove",
+            "-n",
+            "2",
+            "--dist",
+            "loadgroup",
+            "-rs",
+            "-p",
+            "no:cacheprovider",
+        ],
         cwd=ROOT,
         capture_output=True,
         text=True,

@@ -5,20 +5,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-for part in ("playwright", "zenoh", "viser", "starlette", "uvicorn"):
+for part in ("zenoh", "viser", "starlette", "uvicorn"):
     pytest.importorskip(part, reason="the cockpit's extra is not installed")
 
 from stack import SUPERVISOR, Stack, opened, seated, shows, wait_until  # noqa: E402
 
 from workgauge.machine.load import load_machine  # noqa: E402
-from workgauge.values.measurements import (  # noqa: E402
-    DriveMode,
-    Intent,
-    Levers,
-    Stamp,
-)
-from workgauge.wire.messages import encode  # noqa: E402
-from workgauge.wire.station import topic  # noqa: E402
 
 # one stack for all of them: one worker has it
 pytestmark = pytest.mark.xdist_group("cockpit")
@@ -201,27 +193,3 @@ def test_a_supervisor_suspends_a_limit(page, stack: Stack, contexts) -> None:
     boss.click("#overrideEnd")
     stack.until(lambda now: not now.suspended, "in force again")
     stack.until(lambda now: any(one.limit == "point:P1-12" for one in now.near), "it counts again")
-
-
-def test_a_box_without_a_page_and_nonsense_on_the_bus(page, stack: Stack) -> None:
-    """Intents of another program count once it has the seat; anything else is counted and changes nothing."""
-    seated(page, stack)
-    page.keyboard.down("d")
-    before = stack.until(lambda now: any(now.valves), "it moves")
-    name, mail = stack.plan.machine_id, stack.mail
-    good = encode(Intent(Stamp(name, 1, "box"), DriveMode.JOINT, Levers(-1.0), True), 1)
-    for _ in range(200):
-        mail.publish(topic(name, "intent"), b"\x00" * 20)
-        mail.publish(topic(name, "request"), b"{" * 60)
-        mail.publish(topic(name, "intent"), good + bytes(4000))
-        mail.publish(topic(name, "intent"), good)
-    now = stack.until(
-        lambda now: min(now.heard.malformed, now.heard.oversized, now.heard.not_driver) > 0, "it is counted"
-    )
-    assert now.driver == before.driver and now.enabled and any(now.valves)
-    for _ in range(20_000):
-        mail.publish(topic(name, "intent"), good)
-    now = stack.until(lambda now: now.heard.flooding > before.heard.flooding, "the flood is counted")
-    assert now.driver == before.driver and now.enabled and any(now.valves)
-    shows(page, "#facts", "flooding")
-    page.keyboard.up("d")

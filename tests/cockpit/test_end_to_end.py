@@ -2,7 +2,7 @@
 
 import pytest
 
-for part in ("playwright", "zenoh", "viser", "starlette", "uvicorn"):
+for part in ("zenoh", "viser", "starlette", "uvicorn"):
     pytest.importorskip(part, reason="the cockpit's extra is not installed")
 
 from stack import Stack, opened, seated, shows, wait_until  # noqa: E402

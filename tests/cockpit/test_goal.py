@@ -11,17 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-for part in ("playwright", "zenoh", "viser", "starlette", "uvicorn"):
+for part in ("zenoh", "viser", "starlette", "uvicorn"):
     pytest.importorskip(part, reason="the cockpit's extra is not installed")
 
-from stack import Stack, no_browser, wait_until  # noqa: E402
+from stack import Stack, wait_until  # noqa: E402
 
 from workgauge.cockpit.view import HANDLE_SCALE  # noqa: E402
 from workgauge.machine.load import load_machine  # noqa: E402
 from workgauge.wire.station import decode_station, topic  # noqa: E402
 
 # drawn by the processor, this takes minutes
-pytestmark = [pytest.mark.prove, pytest.mark.skipif(bool(no_browser()), reason=no_browser())]
+pytestmark = [pytest.mark.prove, pytest.mark.xdist_group("cockpit")]
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
 FOV = np.radians(75.0)
@@ -145,7 +145,7 @@ def drawn(page, frames: int) -> None:
     )
 
 
-def test_a_goal_is_dragged_looked_at_and_run(stack: Stack, browser) -> None:
+def test_a_goal_is_dragged_looked_at_and_run(browser, stack: Stack) -> None:
     large = bool(os.environ.get("WORKGAUGE_PICTURES"))  # drawn by the processor: small is quick
     page = browser.new_page(viewport={"width": 1024, "height": 768 if large else 480})
     page.set_default_timeout(1e3 * PATIENCE_S)
