@@ -1,4 +1,4 @@
-"""A goal dragged in the view: looked at, shown, run; and pictures of it all for the documentation.
+"""The view in the page: by day and by night, and a goal dragged in it, looked at, shown, run.
 
 With WORKGAUGE_PICTURES set, the pictures are written into docs/images.
 """
@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import imageio.v3 as iio
 import numpy as np
 import pytest
 
@@ -145,17 +146,62 @@ def drawn(page, frames: int) -> None:
     )
 
 
-def test_a_goal_is_dragged_looked_at_and_run(browser, stack: Stack) -> None:
-    large = bool(os.environ.get("WORKGAUGE_PICTURES"))  # drawn by the processor: small is quick
-    page = browser.new_page(viewport={"width": 1024, "height": 768 if large else 480})
+def page_with_view(browser, stack: Stack, **given: object) -> object:
+    """Open the page with its view and wait until that has been drawn."""
+    page = browser.new_page(**given)
     page.set_default_timeout(1e3 * PATIENCE_S)
     page.goto(stack.address)
     wait_until(lambda: page.inner_text("#clock") != "0.0 s", PATIENCE_S, "the machine is there")
+    page.frame_locator("#view").locator("canvas").first.wait_for()
+    drawn(page, 20)
+    return page
+
+
+def seen(page) -> np.ndarray:
+    """The view's pixels (h, w, 3)."""
+    drawn(page, 5)
+    return iio.imread(page.locator("#view").screenshot(), extension=".png")[..., :3].astype(float)
+
+
+@pytest.mark.parametrize(("scheme", "view"), [("light", "overview"), ("dark", "follow")])
+def test_the_view_by_day_and_by_night(browser, stack: Stack, scheme: str, view: str) -> None:
+    page = page_with_view(browser, stack, viewport={"width": 1024, "height": 768}, color_scheme=scheme)
+    operator = Operator(page, stack)
+    page.click(f"#views button[data-view={view}]")
+    page.click("#take")
+    stack.until(lambda now: now.driver, "the seat is taken", PATIENCE_S)
+    page.click("#restart")
+    stack.until(lambda now: now.t_s < 2.0, "back at the start", PATIENCE_S)
+    corner = seen(page)[40:44, -60:-40].mean()
+    assert (corner > 160) == (scheme == "light"), "the sky is as the hour"
+    before = seen(page)
+    operator.until(lambda: stack.now().enabled, "enabled")
+    page.keyboard.down("a")
+
+    def near() -> bool:
+        return any(one.limit == "Pole P1-12" for one in stack.now().held)
+
+    operator.until(near, "the pole holds it back")
+    wait_until(lambda: "Pole P1-12" in page.inner_text("#heldWhat"), PATIENCE_S, "the page says so")
+    picture(page, "pole" if scheme == "light" else "night")
+    after = seen(page)
+    assert (np.abs(after - before).max(axis=2) > 30).mean() > 0.01, "the machine that is shown moves"
+    yellow = (after[..., 0] > 1.3 * after[..., 2]) & (after[..., 1] > 1.1 * after[..., 2]) & (after[..., 0] > 100)
+    assert yellow.mean() > 0.005, "the machine is there"
+    page.keyboard.up("a")
+    page.click("#leave")
+    stack.until(lambda now: not now.driver, "the seat is free", PATIENCE_S)
+    page.close()
+
+
+def test_a_goal_is_dragged_looked_at_and_run(browser, stack: Stack) -> None:
+    large = bool(os.environ.get("WORKGAUGE_PICTURES"))  # drawn by the processor: small is quick
+    page = page_with_view(browser, stack, viewport={"width": 1024, "height": 768 if large else 480})
     operator = Operator(page, stack)
     page.click("#take")
     stack.until(lambda now: now.driver, "the seat is taken", PATIENCE_S)
-    page.frame_locator("#view").locator("canvas").first.wait_for()
-    drawn(page, 20)
+    page.click("#restart")
+    stack.until(lambda now: now.t_s < 2.0, "back at the start", PATIENCE_S)
     picture(page, "overview")
     operator.places_goal()
     wait_until(lambda: "reach" in page.inner_text("#verdict"), PATIENCE_S, "a verdict on where it is")
