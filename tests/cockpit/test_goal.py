@@ -41,8 +41,10 @@ def stack() -> Iterator[Stack]:
 
 def picture(page, name: str) -> None:
     if os.environ.get("WORKGAUGE_PICTURES"):
+        if name != "goal":  # whose panel is further down
+            page.evaluate("document.querySelector('aside').scrollTop = 0")
         time.sleep(2.0)
-        page.screenshot(path=IMAGES / f"cockpit-{name}.png")
+        page.screenshot(path=IMAGES / f"cockpit-{name}.png", animations="disabled")
 
 
 def on_screen(page, stack: Stack, point: np.ndarray) -> tuple[float, float]:

@@ -128,7 +128,7 @@ class View:
             aside = tool - at
             flat = np.array([aside[0], aside[1], 0.0])
             out = flat / max(float(np.linalg.norm(flat)), 1e-6)
-            eye, to = tool - 7.0 * out + 3.0 * np.cross(up, out) + 3.5 * up, tool
+            eye, to = tool - 1.5 * out - 7.0 * np.cross(up, out) + 3.5 * up, tool - 1.0 * out
         else:
             middle = 0.5 * (at + tool)
             eye, to = middle - 9.0 * forward - 9.0 * left + 7.0 * up, middle

@@ -1,6 +1,9 @@
 // Clearance and joint speeds of the last half minute, on one canvas.
 const SPAN_S = 30;
-const SHADES = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#888888", "#b8321a"];
+const SHADES = {
+  light: ["#0072b2", "#d55e00", "#00805c", "#b0588a", "#a86f00", "#3a86b0", "#6f6f6f", "#b8321a"],
+  dark: ["#56b4e9", "#ff9a57", "#3fbf97", "#e5a5c9", "#f0c246", "#a5d8f5", "#b5b5b5", "#ff7a52"],
+};
 
 export class Chart {
   constructor(canvas) {
@@ -24,6 +27,7 @@ export class Chart {
     if (this.canvas.width !== Math.round(width * ratio)) this.canvas.width = Math.round(width * ratio);
     if (this.canvas.height !== Math.round(height * ratio)) this.canvas.height = Math.round(height * ratio);
     const pen = this.canvas.getContext("2d");
+    const shades = SHADES[document.documentElement.dataset.theme] ?? SHADES.light;
     const style = getComputedStyle(document.documentElement);
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.clearRect(0, 0, width, height);
@@ -68,8 +72,8 @@ export class Chart {
     const share = (v) => (top + bottom) / 2 - v * (bottom - top - 2) / 2;
     let at = from + 74;
     joints.forEach((joint, j) => {
-      line(from, share, (point) => point.speeds[j], SHADES[j % SHADES.length], 1.6);
-      pen.fillStyle = SHADES[j % SHADES.length];
+      line(from, share, (point) => point.speeds[j], shades[j % shades.length], 1.6);
+      pen.fillStyle = shades[j % shades.length];
       if (at + pen.measureText(joint.name).width < from + half) pen.fillText(joint.name, at, 10);
       at += pen.measureText(joint.name).width + 10;
     });
