@@ -12,8 +12,8 @@ from stack import SUPERVISOR, Stack, opened, seated, shows, wait_until  # noqa: 
 
 from workgauge.machine.load import load_machine  # noqa: E402
 
-# one stack for all of them: one worker has it
-pytestmark = pytest.mark.xdist_group("cockpit")
+# all processes, in real time: not beside other tests
+pytestmark = pytest.mark.stack
 
 #: Names of levers in a snapshot's order.
 LEVERS = ("left_x", "left_y", "right_x", "right_y", "left_roller", "right_roller")

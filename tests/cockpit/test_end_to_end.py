@@ -7,8 +7,8 @@ for part in ("zenoh", "viser", "starlette", "uvicorn"):
 
 from stack import Stack, opened, seated, shows, wait_until  # noqa: E402
 
-# one stack for all of them: one worker has it
-pytestmark = pytest.mark.xdist_group("cockpit")
+# all processes, in real time: not beside other tests
+pytestmark = pytest.mark.stack
 
 
 def test_a_wrong_token_is_refused(stack: Stack, browser) -> None:

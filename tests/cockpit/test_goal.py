@@ -22,7 +22,7 @@ from workgauge.machine.load import load_machine  # noqa: E402
 from workgauge.wire.station import decode_station, topic  # noqa: E402
 
 # drawn by the processor, this takes minutes
-pytestmark = [pytest.mark.prove, pytest.mark.xdist_group("cockpit")]
+pytestmark = [pytest.mark.prove, pytest.mark.stack]
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
 FOV = np.radians(75.0)

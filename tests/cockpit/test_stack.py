@@ -21,8 +21,8 @@ from workgauge.values.measurements import DriveMode, Intent, Levers, Stamp  # no
 from workgauge.wire.messages import encode  # noqa: E402
 from workgauge.wire.station import topic  # noqa: E402
 
-# one stack for all of them: one worker has it
-pytestmark = pytest.mark.xdist_group("cockpit")
+# all processes, in real time: not beside other tests
+pytestmark = pytest.mark.stack
 
 
 class Hand:
