@@ -68,6 +68,15 @@ def test_a_four_jointed_machines_misfit_is_said():
     strokes, said = grading.strokes(asked, machine, machine.home, np.eye(4))
     assert strokes[0].error.corner_m == pytest.approx(0.1 / np.hypot(1, 0.2), rel=0.05)
     assert any("cannot turn the edge" in text for text in said)
+    heap = Grading(site(plane("design", -0.3, (0.0, 0.2)), plane("ground", -0.1, (0.0, 0.2))), PLACE)
+    asked = step(polyline_en_m=[[1003.0, 2000], [1002.4, 2000]], surface="design", ground="ground", depth_m=0.06)
+    strokes, _ = heap.strokes(asked, machine, machine.home, np.eye(4))
+    for one, offset in zip(strokes, (0.06, 0.0), strict=True):  # lifted in every pass, by what it cannot turn
+        assert one.made.offset_m == pytest.approx(offset)
+        q = one.joints.curve.at(np.linspace(0.0, one.joints.length_m, 9))[0]
+        tool = np.array([machine.tool_pose(machine.forward(row)) for row in q])
+        ends = tool[:, None, :3, 3] + np.array([[-0.5], [0.5]]) * tool[:, None, :3, 0]
+        assert (ends[..., 2] - (0.2 * ends[..., 1] - 0.3)).min() == pytest.approx(offset - 0.01, abs=2e-3)
 
 
 @pytest.mark.parametrize(

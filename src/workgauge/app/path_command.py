@@ -109,7 +109,7 @@ def path_object(way: Way) -> dict[str, Any]:
         "length_m": round(way.part.length_m, 6),
         "reachable": within,
         "max_edge_error_m": round(way.made.edge_m, 6) if math.isfinite(way.made.edge_m) else None,
-        "below_m": round(way.made.below_m, 6),
+        "below_m": round(way.below_m, 6),
         "lifted_m": round(way.made.lift_m, 6),
         "corner_error_m": None if way.error is None else round(way.error.corner_m, 6),
         "why": way.why or None,

@@ -173,9 +173,8 @@ class Grading:
                 raised = offset + step.above_mm * 1e-3
                 made = way.made
                 if raised > 0.0:
-                    made = surface_path(
-                        self.tin(step.surface), way.part, bucket, blend, self._origin, offset_m=raised
-                    )
+                    tin, own = self.tin(step.surface), made.raised_m
+                    made = surface_path(tin, way.part, bucket, blend, self._origin, offset_m=raised, raised_m=own)
                 words = f"cut {way.line}" if not k and offset == 0.0 else f"cut {way.line}, pass {k + 1}"
                 done = stroke(machine, T, q, made, pace, lift_m=step.lift_m, words=words)
                 strokes.append(done)
