@@ -128,7 +128,7 @@ def test_the_edge_runs_at_its_speed_and_joints_do_not_jump(ground):
 @settings(max_examples=8, deadline=None)
 @given(turned=st.floats(0, 360), one_in=st.floats(3.0, 10.0), allowed=st.sampled_from([0.0, 0.01, 0.03]))
 def test_four_joints_are_held_out_of_the_ground_where_they_cannot_turn(ground, turned, one_in, allowed):
-    """The machine's own edge, worked out from its joints: nowhere deeper than allowed, and no higher than it must be."""
+    """The machine's own edge, by its joints: nowhere deeper than allowed, and no higher than it must be."""
     machine, tin = ground.four_jointed(), ground.slope(one_in, turned, -1.5)
     line = [np.array([[6.8, 0.0], [5.6, 0.0]])]
     (way,), _ = ways(tin, line, machine, HERE, ORIGIN, Bucket(), Blend(over_dig_m=allowed))
