@@ -61,6 +61,28 @@ def test_strokes_go_down_pass_by_pass_and_end_on_the_design():
         assert tool[2] - depth.heights(tool[None, :2])[0] == pytest.approx(0.005, abs=5e-4), at
 
 
+@pytest.mark.parametrize("above", [0.0, 10.0, 30.0])
+def test_room_for_control_errors_is_left_where_the_edges_ends_bind(above):
+    """Along a ditch narrower than the bucket: its ends come to rest on the sides, less the room."""
+    ditch = plane("design")
+    xy = np.array([[x, y] for x in (-12.0, 4.0, 6.0, 8.0, 12.0) for y in (-12.0, 12.0)])
+    vertices = np.column_stack([xy, -0.8 * np.maximum(0.0, 1.0 - np.abs(xy[:, 0] - 6.0) / 2.0)]) + PLACE
+    faces = np.array([[k, k + 2, k + 3] for k in range(0, 8, 2)] + [[k, k + 3, k + 1] for k in range(0, 8, 2)])
+    design = Grading(site(dataclasses.replace(ditch, vertices=vertices, faces=faces)), PLACE)
+    machine = load_machine("rre20")
+    line = [[1006.0, 1998.8], [1006.0, 2000.8]]
+    asked = step(polyline_en_m=line, bucket_width_m=0.8, above_mm=above, over_dig_mm=20.0)
+    (one,), said = design.strokes(asked, machine, machine.home, np.eye(4))
+    tin, lowest = design.tin(None), []
+    for q in one.joints.curve.at(np.linspace(0.0, one.joints.length_m, 40))[0]:
+        tool = machine.tool_pose(machine.forward(q))
+        edge = tool[:3, 3] + np.linspace(-0.4, 0.4, 17)[:, None] * tool[:3, 0] + PLACE
+        lowest.append((edge[:, 2] - tin.heights(edge[:, :2])).min())
+    deep = max(20.0 - above, 0.0) * 1e-3
+    assert -deep - 1.5e-3 <= min(lowest) <= -0.5 * deep + above * 1e-3
+    assert one.made.lift_m > 0.05 and any("lifted" in text for text in said)
+
+
 def test_a_four_jointed_machines_misfit_is_said():
     machine = load_machine("sun-a")
     grading = Grading(site(plane("design", -0.3, (0.0, 0.2))), PLACE)

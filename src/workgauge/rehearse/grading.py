@@ -158,7 +158,9 @@ class Grading:
             InputError: no way of it is in reach.
         """
         bucket = Bucket(step.bucket_width_m, math.radians(step.cutting_deg))
-        blend = Blend(step.turn_m, step.corner_mm * 1e-3, step.over_dig_mm * 1e-3)
+        # the room above the surface is left where the edge's ends bind as well, not only where its middle does
+        deepest_mm = max(step.over_dig_mm - step.above_mm, 0.0)
+        blend = Blend(step.turn_m, step.corner_mm * 1e-3, deepest_mm * 1e-3)
         found, said = self.ways(step.surface, Lines.of(step), machine, T, bucket, blend)
         inside = [way for way in found if way.joints is not None]
         if not inside:
