@@ -146,14 +146,16 @@ def _of_part(
         said.append(f"line {number}: {left:.2f} of {part.length_m:.2f} m are out of reach and cut off")
     for way in ways_found:
         if way.made.off_surface > 0.0:
-            said.append(
-                f"line {number}: {100 * way.made.off_surface:.0f} % of the edge's way has no surface under it"
-            )
+            said.append(f"line {number}: {_percent(way.made.off_surface)} of the edge's way has no surface under it")
         if way.made.lift_m > 0.0:
             said.append(
                 f"line {number}: lifted by up to {way.made.lift_m:.3f} m to keep the edge's ends out of the ground"
             )
     return ways_found
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %" if share >= 0.005 else "less than 1 %"
 
 
 def _fitted(
