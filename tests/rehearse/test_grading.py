@@ -61,6 +61,27 @@ def test_strokes_go_down_pass_by_pass_and_end_on_the_design():
         assert tool[2] - depth.heights(tool[None, :2])[0] == pytest.approx(0.005, abs=5e-4), at
 
 
+def test_passes_too_high_to_reach_are_cut_and_said():
+    """Three metres of ground on the design: high passes are shorter, and what they leave is told; low ones whole."""
+    machine = load_machine("rre20")
+    grading = Grading(site(plane("design", -0.5, (0, 0)), plane("ground", 2.5, (0, 0))), PLACE)
+    line = [[1007.3, 2000], [1004.5, 2000]]
+    asked = step(polyline_en_m=line, surface="design", ground="ground", depth_m=0.5)
+    strokes, said = grading.strokes(asked, machine, machine.home, np.eye(4))
+    heights = [one.made.offset_m for one in strokes]
+    assert heights == sorted(heights, reverse=True) and heights[0] >= 1.5 and heights[-1] == 0.0
+    lengths = {round(one.made.offset_m, 3): one.joints.length_m for one in strokes}
+    assert lengths[0.0] == pytest.approx(2.8, abs=1e-3) and min(lengths.values()) < 2.75
+    told = [text for text in said if "out of reach so high" in text]
+    short = [height for height in (2.5, 2.0, 1.5, 1.0, 0.5) if lengths.get(height, 0.0) < 2.75]
+    assert len(told) == len(short) > 0
+    for one in strokes:  # joints within their ends, the edge at the height of its pass
+        q = one.joints.curve.at(np.linspace(0.0, one.joints.length_m, 15))[0]
+        assert (q >= machine.q_min).all() and (q <= machine.q_max).all()
+        tools = np.array([machine.tool_pose(machine.forward(row))[2, 3] for row in q])
+        assert tools == pytest.approx(one.made.offset_m - 0.5, abs=1e-3)
+
+
 @pytest.mark.parametrize("above", [0.0, 10.0, 30.0])
 def test_room_for_control_errors_is_left_where_the_edges_ends_bind(above):
     """Along a ditch narrower than the bucket: its ends come to rest on the sides, less the room."""

@@ -154,6 +154,25 @@ def _of_part(
     return ways_found
 
 
+def at_height(
+    tin: Tin, way: Way, machine: MachineModel, T_site_machine: Floats, origin: Floats, blend: Blend, offset_m: float
+) -> tuple[list[SurfacePath], float]:
+    """Return the paths above a way that is in reach, cut to what is reached so high; and what is cut off [m]."""
+    if offset_m <= 0.0:
+        return [way.made], 0.0
+    part, made = way.part, way.made
+    whole = surface_path(tin, part, made.bucket, blend, origin, offset_m=offset_m, raised_m=made.raised_m)
+    if followed_from(machine, whole.path, T_site_machine, machine.home)[0] is not None:
+        return [whole], 0.0
+    found: list[Way] = []
+    scale = part.length_m / whole.path.length_m
+    for begin, end in reached(machine, whole, T_site_machine):
+        span = (begin * scale, end * scale)
+        fitted = _fitted(tin, way.line, part, span, machine, T_site_machine, origin, whole, blend)
+        found += [] if fitted is None else [fitted]
+    return [one.made for one in found], part.length_m - sum(one.part.length_m for one in found)
+
+
 def _percent(share: float) -> str:
     return f"{100 * share:.0f} %" if share >= 0.005 else "less than 1 %"
 
@@ -171,15 +190,15 @@ def _fitted(
 ) -> Way | None:
     """Return the way on a stretch (from, to) of a part, shortened until the joints follow it to its end."""
     begin, end = span
-    raised = 0.0
+    raised = whole.raised_m
     for _ in range(_TRIES):
         if end - begin < SHORTEST_M:
             return None
         cut = part if begin <= 0.0 and end >= part.length_m - 1e-6 else cut_to(part, begin, end)
-        if cut is part and not raised:
+        if cut is part and raised == whole.raised_m:
             made = whole
         else:
-            made = surface_path(tin, cut, whole.bucket, blend, origin, raised_m=raised)
+            made = surface_path(tin, cut, whole.bucket, blend, origin, offset_m=whole.offset_m, raised_m=raised)
         joints, came, _ = followed_from(machine, made.path, T_site_machine, machine.home)
         if joints is not None:
             low, high = clear_of_ends(machine, joints)
