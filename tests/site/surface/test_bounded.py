@@ -18,9 +18,10 @@ def plane(plan):
 
 
 def star(rng, size):
-    """Return a ring (p, 2) round (20, 20)."""
-    count = int(rng.integers(3, 12))
-    angle, radius = np.sort(rng.uniform(0, 2 * np.pi, count)), rng.uniform(0.4, 1.0, count) * size
+    """Return a ring (p, 2) round (20, 20) that does not cross itself: no two corners half a turn apart."""
+    count = int(rng.integers(4, 12))
+    angle = (np.arange(count) + rng.uniform(0.0, 0.8, count)) / count * 2 * np.pi
+    radius = rng.uniform(0.4, 1.0, count) * size
     return np.column_stack([20.0 + radius * np.cos(angle), 20.0 + radius * np.sin(angle)])
 
 
@@ -64,4 +65,4 @@ def test_an_open_ring_is_closed_and_boundaries_may_leave_nothing():
         assert Tin(made.vertices, made.faces).heights([[1.01, 1.01], [4.99, 3.99]]) == pytest.approx(1.0)
         assert np.isnan(Tin(made.vertices, made.faces).heights([[0.99, 2.0], [3.0, 4.01]])).all()
     with pytest.raises(SiteError, match="leave no triangle"):
-        bounded(grid, [], [Boundary("outer", ring + [50.0, 0.0, 0.0], "b")])
+        bounded(grid, [], [Boundary("outer", ring + np.array([50.0, 0.0, 0.0]), "b")])
