@@ -172,3 +172,14 @@ def test_any_bytes_are_read_or_refused(tmp_path_factory, data, name, cut):
     except SiteError:
         return
     assert np.isfinite(site.surfaces[0].vertices).all()
+
+
+@pytest.mark.parametrize("corners", [(A, B, C, D), (B, C, D, A)])
+def test_quads_are_split_along_the_shorter_diagonal(tmp_path, corners):
+    lean = [(x + 0.3 * y, y, z) for x, y, z in corners]
+    (surface,) = points(tmp_path, dxf(face("road", *lean)), "a.dxf").surfaces
+    (shared,) = {*map(frozenset, [{*surface.faces[0].tolist()} & {*surface.faces[1].tolist()}])}
+    one, other = (surface.vertices[k] for k in shared)
+    assert np.linalg.norm(one - other) == pytest.approx(
+        np.linalg.norm(np.subtract(lean[0], lean[2]) if corners[0] == B else np.subtract(lean[1], lean[3]))
+    )
