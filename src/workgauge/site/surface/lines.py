@@ -129,5 +129,8 @@ def towards(line: Floats, centre: ArrayLike) -> Floats:
 def _checked_reach(nearest_m: float, farthest_m: float) -> None:
     if not 0.0 <= nearest_m < farthest_m < math.inf:
         raise InputError(
-            "not a reach", element="reach", value=f"{nearest_m} to {farthest_m} m", allowed="0 or more, growing"
+            "not a reach",
+            element="reach",
+            value=f"{nearest_m:.2f} to {farthest_m:.2f} m",
+            allowed="0 or more, growing",
         )
