@@ -46,7 +46,7 @@ def test_text_in_utf_16_is_refused_by_name(tmp_path, encoding, name):
     path = tmp_path / name
     path.write_bytes((dxf() if name == "a.dxf" else "0 0 1\n1 0 1\n0 1 1\n").encode(encoding))
     for read in (lambda: read_site([path]), lambda: read_places(path)):
-        with pytest.raises(SiteError, match="UTF-16.*UTF-8"):
+        with pytest.raises(SiteError, match=r"UTF-16.*UTF-8"):
             read()
 
 

@@ -25,7 +25,7 @@ def summed(rows, offset, step=0.01):
         ns = n + np.concatenate([[0.0], np.cumsum(ds * np.sin(middle))])
         found.append(np.column_stack([es - offset * np.sin(turned), ns + offset * np.cos(turned)]))
         e, n, yaw = es[-1], ns[-1], turned[-1]
-    return np.concatenate(found) + [21_530_000.0, 6_783_000.0]
+    return np.concatenate(found) + np.array([21_530_000.0, 6_783_000.0])
 
 
 def from_polyline(points, line):
