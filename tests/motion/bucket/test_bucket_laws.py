@@ -49,7 +49,7 @@ def test_a_way_is_lifted_over_thirty_centimetres_before_and_behind(high, begin, 
     slack = 3e-3 + 0.04 * high / 0.3
     assert np.abs(at[:, 2] - wanted).max() < slack
     away = (at[:, 0] < begin - 0.4) | (at[:, 0] > end + 0.4)
-    assert np.abs(at[away, 2]).max() < 1e-6
+    assert np.abs(at[away, 2]).max() < 4e-3  # a later look may begin a ramp of its own, a few millimetres high
     assert made.lift_m == pytest.approx(high, abs=3e-3)
 
 
