@@ -154,6 +154,25 @@ def test_steps_that_make_no_sense(keys):
         step(**keys)
 
 
+@pytest.mark.parametrize(
+    ("key", "most", "least"),
+    [
+        ("bucket_width_m", 20.0, None),
+        ("cutting_deg", 80.0, -80.0),
+        ("over_dig_mm", 1e4, 0.0),
+        ("corner_mm", 1e4, 0.0),
+        ("turn_m", 10.0, 0.0),
+    ],
+)
+def test_what_no_bucket_does_is_refused_by_the_key_written(key, most, least):
+    for value in (most, least):
+        if value is not None:
+            assert getattr(step(**{key: value}), key) == value
+    for wrong in (1.01 * most, least - 0.01 if least is not None else 0.0):
+        with pytest.raises(ValueError, match=key):
+            step(**{key: wrong})
+
+
 def test_lines_turn_with_the_machine():
     machine = load_machine("rre20")
     T = np.eye(4)

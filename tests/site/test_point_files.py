@@ -40,6 +40,16 @@ def points(tmp_path, text, name="site.xyz"):
     return read_site([path])
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+@pytest.mark.parametrize("name", ["a.xyz", "a.txt", "a.dxf", "a.dat"])
+def test_text_in_utf_16_is_refused_by_name(tmp_path, encoding, name):
+    path = tmp_path / name
+    path.write_bytes((dxf() if name == "a.dxf" else "0 0 1\n1 0 1\n0 1 1\n").encode(encoding))
+    for read in (lambda: read_site([path]), lambda: read_places(path)):
+        with pytest.raises(SiteError, match=r"UTF-16.*UTF-8"):
+            read()
+
+
 def test_headings_comments_and_separators(tmp_path):
     site = points(tmp_path, "E;N;Z\n# note\n\n0;0;1;7;tree\n10,0,2\n 0\t10  3\n")
     assert sorted(site.surfaces[0].vertices[:, 2].tolist()) == [1, 2, 3]

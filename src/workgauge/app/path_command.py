@@ -172,8 +172,8 @@ def _show(where: str, found: list[Way]) -> None:
         ("length [m]", True),
         ("edges crossed", True),
         ("in reach", False),
-        ("edge off surface up to [m]", True),
-        ("ends off by machine up to [m]", True),
+        ("off surface [m]", True),
+        ("ends off [m]", True),
     ]
     rows = [
         (

@@ -11,6 +11,7 @@ import numpy as np
 
 from workgauge.site.model import SiteModel, SurfaceModel
 from workgauge.site.surface.winding import wound_up
+from workgauge.site.text_file import refuse_wide
 from workgauge.site.units import LINEAR_UNITS
 from workgauge.values.arrays import Floats, Ints, freeze
 from workgauge.values.errors import SiteError
@@ -179,11 +180,11 @@ def _pairs(path: Path) -> list[tuple[int, int, str]]:
         raise SiteError(f"cannot be read: {error.strerror or error}", file=path) from error
     if raw.startswith(_BINARY):
         raise SiteError("is a binary DXF file, which is not read", file=path, allowed="DXF as text")
+    refuse_wide(path, raw)
     try:
         text = raw.decode("utf-8-sig")
-    except (
-        UnicodeDecodeError
-    ):  # files before 2007 are in the code page of whoever wrote them; this one has every byte
+    except UnicodeDecodeError:
+        # files before 2007 are in the code page of whoever wrote them; this one has every byte
         text = raw.decode("latin-1")
     return list(_each(path, re.split(r"\r\n|\r|\n", text)))
 

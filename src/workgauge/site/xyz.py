@@ -10,6 +10,7 @@ import numpy as np
 from workgauge.site.model import SiteModel, SurfaceModel
 from workgauge.site.surface.delaunay import triangulated
 from workgauge.site.surface.winding import wound_up
+from workgauge.site.text_file import text_of
 from workgauge.values.arrays import Floats
 from workgauge.values.errors import SiteError
 from workgauge.values.limits import Source
@@ -92,10 +93,7 @@ def read_xyz(path: Path) -> SiteModel:
 
 def _points(path: Path) -> tuple[Floats, list[str]]:
     """Return the points (k, 3) of a file, and what is to be said of them."""
-    try:
-        text = path.read_bytes().decode("utf-8-sig", errors="replace")
-    except OSError as error:
-        raise SiteError(f"cannot be read: {error.strerror or error}", file=path) from error
+    text = text_of(path)
     rows: list[tuple[float, float, float]] = []
     more = 0
     columns: _Columns | None = None
@@ -173,10 +171,7 @@ def read_places(path: Path) -> Floats:
     Raises:
         SiteError: the file cannot be read, a line is no place, or there are fewer than two.
     """
-    try:
-        text = path.read_bytes().decode("utf-8-sig", errors="replace")
-    except OSError as error:
-        raise SiteError(f"cannot be read: {error.strerror or error}", file=path) from error
+    text = text_of(path)
     rows: list[tuple[float, float]] = []
     for number, line in enumerate(text.splitlines(), 1):
         stripped = line.strip()

@@ -46,7 +46,7 @@ class Blend:
         for name, low in (("turn_m", 0.0), ("corner_m", 0.0), ("over_dig_m", 0.0)):
             value = getattr(self, name)
             if value is not None and not low <= value <= 10.0:
-                raise InputError("not a blend", element=name, value=value, allowed="0 to 10 m")
+                raise InputError("not a blend", element=name, value=f"{value:.6g}", allowed="0 to 10 m")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
