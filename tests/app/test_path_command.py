@@ -128,6 +128,11 @@ def test_real_surface_from_where_a_machine_stands():
         (["--at", "1000,2000,90", "--spacing", "0"], "not a spacing"),
         (["--at", "1000,2000,90", "--lines", "2", "--fan=-10,10,3"], "not together"),
         (["--at", "1000,2000,90", "--fan=-10,10"], "is not FROM,TO,N"),
+        (["--at", "1000,2000,90", "--spacing", "2", "--fan=-10,10,3"], "not together with --fan"),
+        (["--at", "1000,2000,90", "--offset", "2"], "only together with --along"),
+        (["--at", "1000,2000,90", "--spacing", "nan"], "not a spacing"),
+        (["--at", "1000,2000,90", "--lines", "10000"], "1 to 1000"),
+        (["--at", "1000,2000,90", "--near", "2.123456789", "--far", "1"], "found 2.12 to 1.00 m"),
         (["--at", "1000,2000,90", "--along", "Track 9"], "no such alignment"),
         (["--at", "1000,2000,90", "--surface", "road"], "no such surface"),
         (["--at", "1000,2000,90", "--polyline", "absent.txt"], "cannot be read"),
@@ -135,12 +140,26 @@ def test_real_surface_from_where_a_machine_stands():
         (["--at", "1000,2000,90", "--over-dig-mm", "-1"], "not a blend"),
         (["--at", "1000,2000,90", "--near", "8", "--far", "5"], "not a reach"),
         (["--at", "1000,2000,90", "--machine", "spoon"], "spoon"),
+        (["--at", "1e300,2000,90"], "'1e300,2000,90': metres within 1e8"),
+        (["--at", "1000,2000,1e300"], "'1000,2000,1e300': metres within 1e8"),
+        (["--at", "1000,2000,90", "--near", "1e300"], "found 1e+300 to"),
+        (["--at", "1000,2000,90", "--far", "1e300"], "allowed: 0 to 1000 m"),
+        (["--at", "1000,2000,90", "--spacing", "1e300"], "found 1e+300; allowed"),
+        (["--at", "1000,2000,90", "--cutting-deg", "1e300"], "found 1e+300; allowed"),
+        (["--at", "1000,2000,90", "--bucket-width", "30"], "bucket width: not a bucket (found 30;"),
     ],
 )
 def test_what_is_refused(tmp_path, args, words):
     done = run(str(slope(tmp_path)), *args)
     assert done.exit_code == 2
     assert words in " ".join(done.stderr.split())
+
+
+def test_a_place_at_national_coordinates_stays_on_one_line(tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "120")
+    shown = run(str(SITE / "terrain.xml"), str(SITE / "tracks.xml"), "--at", HERE, "--lines", "1")
+    (path,) = paths(str(SITE / "terrain.xml"), str(SITE / "tracks.xml"), "--at", HERE, "--lines", "1")["paths"]
+    assert ", ".join(f"{v:.2f}" for v in path["points"][0]) in shown.stdout
 
 
 @pytest.mark.parametrize(

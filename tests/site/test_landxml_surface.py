@@ -101,13 +101,12 @@ def test_repeated_points_in_one_place_are_one(surface):
     assert surface([*SQUARE, SQUARE[0]], FACES).surfaces[0].plan_area_m2 == pytest.approx(200.0)
 
 
-def test_surfaces_without_faces_are_told(tools, read):
+def test_empty_surfaces_are_told(tools, read):
     w = tools.Writer()
     empty = '<Surfaces><Surface name="bare"/></Surfaces>'
-    site = read(w.document(w.surface(SQUARE, FACES), empty, w.surface(SQUARE, [])))
+    site = read(w.document(w.surface(SQUARE, FACES), empty))
     assert len(site.surfaces) == 1
-    assert any("'bare': has no triangles" in t for t in site.warnings)
-    assert any("has points but no faces" in t for t in site.warnings)
+    assert any("'bare': has no triangles and no points" in t for t in site.warnings)
 
 
 def test_large_surfaces_are_read_in_chunks(surface, monkeypatch):

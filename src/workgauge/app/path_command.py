@@ -43,7 +43,7 @@ def path_command(
     lines: Annotated[
         int | None, typer.Option(metavar="N", help="Lines side by side ahead.", show_default="3")
     ] = None,
-    spacing: Annotated[float, typer.Option(metavar="M", help="Between them.")] = 1.0,
+    spacing: Annotated[float | None, typer.Option(metavar="M", help="Between them.", show_default="1")] = None,
     fan: Annotated[
         str | None,
         typer.Option(
@@ -51,7 +51,9 @@ def path_command(
         ),
     ] = None,
     along: Annotated[str | None, typer.Option(metavar="ALIGNMENT", help="A line beside an alignment.")] = None,
-    offset: Annotated[float, typer.Option(metavar="O", help="To the alignment's left.")] = 0.0,
+    offset: Annotated[
+        float | None, typer.Option(metavar="O", help="To the alignment's left.", show_default="0")
+    ] = None,
     polyline: Annotated[
         Path | None, typer.Option(metavar="FILE", help="A line of your own: east north a line.")
     ] = None,
@@ -109,7 +111,7 @@ def path_object(way: Way) -> dict[str, Any]:
         "length_m": round(way.part.length_m, 6),
         "reachable": within,
         "max_edge_error_m": round(way.made.edge_m, 6) if math.isfinite(way.made.edge_m) else None,
-        "below_m": round(way.made.below_m, 6),
+        "below_m": round(way.below_m, 6),
         "lifted_m": round(way.made.lift_m, 6),
         "corner_error_m": None if way.error is None else round(way.error.corner_m, 6),
         "why": way.why or None,
@@ -118,10 +120,10 @@ def path_object(way: Way) -> dict[str, Any]:
 
 def _lines(
     count: int | None,
-    spacing: float,
+    spacing: float | None,
     fan: str | None,
     along: str | None,
-    offset: float,
+    offset: float | None,
     polyline: Path | None,
     near: float | None,
     far: float | None,
@@ -130,16 +132,21 @@ def _lines(
     given = [name for name, value in _named(count, fan, along, polyline).items() if value is not None]
     if len(given) > 1:
         raise typer.BadParameter(f"not together with {given[1]}", param_hint=given[0])
+    if spacing is not None and given not in ([], ["--lines"]):
+        raise typer.BadParameter(f"not together with {given[0]}", param_hint="--spacing")
+    if offset is not None and along is None:
+        raise typer.BadParameter("only together with --along", param_hint="--offset")
     if fan is not None:
         begin, end, number = _fan(fan)
         yaws = tuple(math.radians(v) for v in np.linspace(begin, end, number).tolist())
         return Lines(yaws=yaws, near_m=near, far_m=far)
     if along is not None:
-        return Lines(alignment=along, offset_m=offset, near_m=near, far_m=far)
+        return Lines(alignment=along, offset_m=offset or 0.0, near_m=near, far_m=far)
     if polyline is not None:
         places: Floats = read_places(polyline)
         return Lines(polyline=places, near_m=near, far_m=far)
-    return Lines(count=3 if count is None else count, spacing_m=spacing, near_m=near, far_m=far)
+    apart = 1.0 if spacing is None else spacing
+    return Lines(count=3 if count is None else count, spacing_m=apart, near_m=near, far_m=far)
 
 
 def _named(count: object, fan: object, along: object, polyline: object) -> dict[str, object]:
@@ -165,8 +172,8 @@ def _show(where: str, found: list[Way]) -> None:
         ("length [m]", True),
         ("edges crossed", True),
         ("in reach", False),
-        ("edge off surface up to [m]", True),
-        ("ends off by machine up to [m]", True),
+        ("off surface [m]", True),
+        ("ends off [m]", True),
     ]
     rows = [
         (

@@ -32,6 +32,8 @@ from workgauge.values.limits import LimitKind
 
 DEFAULT_SCENARIO = "pole-approach"
 DEFAULT_MACHINE = "rre20"
+#: No map has coordinates beyond this [m].
+FARTHEST_M = 1e8
 
 
 class JointsOption(StrEnum):
@@ -53,6 +55,8 @@ def parse_place(text: str) -> tuple[float, float, float]:
         raise typer.BadParameter(f"{text!r} is not E,N,HEADING_DEG", param_hint="--at") from None
     if not all(math.isfinite(value) for value in (east, north, heading)):
         raise typer.BadParameter(f"{text!r}: numbers must be finite", param_hint="--at")
+    if max(abs(east), abs(north)) > FARTHEST_M or abs(heading) > 360.0:
+        raise typer.BadParameter(f"{text!r}: metres within 1e8, degrees within 360", param_hint="--at")
     return east, north, heading
 
 

@@ -15,6 +15,9 @@ Place: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
 Angles: TypeAlias = tuple[Angle, Angle, Angle]
 Speed: TypeAlias = Annotated[float, Field(gt=0, le=5, allow_inf_nan=False)]
 TurnSpeed: TypeAlias = Annotated[float, Field(gt=0, le=360, allow_inf_nan=False)]
+Width: TypeAlias = Annotated[float, Field(gt=0, le=20, allow_inf_nan=False)]
+Lean: TypeAlias = Annotated[float, Field(ge=-80, le=80, allow_inf_nan=False)]
+Little: TypeAlias = Annotated[float, Field(ge=0, le=1e4, allow_inf_nan=False)]
 
 
 class PathPoint(Part):
@@ -129,12 +132,14 @@ class GradeSurface(_Driven):
     speed_m_s: Speed = Field(default=0.3, description="of the edge along the surface")
     move_m_s: Speed = Field(default=0.5, description="of the tool on its way to and from the surface")
     tolerance_mm: Positive = 10.0
-    bucket_width_m: Positive = 1.0
-    cutting_deg: Angle = Field(default=0.0, description="how far the wrist leans ahead, from square to the surface")
+    bucket_width_m: Width = 1.0
+    cutting_deg: Lean = Field(default=0.0, description="how far the wrist leans ahead, from square to the surface")
     above_mm: NotNegative = Field(default=0.0, description="so far above the surface the edge is to run")
-    over_dig_mm: NotNegative = Field(default=10.0, description="so far below the surface any of the edge may be")
-    corner_mm: NotNegative = Field(default=2.0, description="so far the way may pass from the edges it crosses")
-    turn_m: NotNegative = Field(default=0.25, description="so far before and behind an edge the bucket turns")
+    over_dig_mm: Little = Field(default=10.0, description="so far below the surface any of the edge may be")
+    corner_mm: Little = Field(default=2.0, description="so far the way may pass from the edges it crosses")
+    turn_m: NotNegative = Field(
+        default=0.25, le=10.0, description="so far before and behind an edge the bucket turns"
+    )
     depth_m: Positive | None = Field(default=None, description="of one pass, where ground is given")
     lift_m: Positive = Field(default=0.5, description="above the way's ends it comes and leaves")
 

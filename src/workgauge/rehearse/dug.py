@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from workgauge.motion.bucket.dug import DugMap, dug_map
+from workgauge.motion.bucket.dug import DugMap, dug_map, merged
 from workgauge.rehearse.auto_series import AutoSeries
 from workgauge.rehearse.auto_steps import GradeSurface
 from workgauge.rehearse.grading import Grading
@@ -20,23 +20,26 @@ if TYPE_CHECKING:
 def dug_in(session: "Session", steps: Sequence[Step], series: Series, auto: AutoSeries | None) -> DugMap | None:
     """Return what the cuts of a run's grading steps left of the design, None where there were none.
 
-    Of several steps with different buckets or surfaces the first one's count.
+    Every step counts against its own design, with its own bucket. The edge's depth counts on its ways there and back
+    as well: it may go too deep as it is let down.
     """
-    chosen = [(k, step) for k, step in enumerate(steps) if isinstance(step, GradeSurface)]
-    if auto is None or not chosen:
+    if auto is None:
         return None
-    step = chosen[0][1]
-    numbers = {k for k, _ in chosen}
-    cuts = [
-        _poses(session, series.q[auto.which == number])
-        for number, job in enumerate(auto.jobs)
-        if job.step in numbers and job.job.startswith("cut ")
-    ]
-    cuts = [cut for cut in cuts if len(cut) > 1]
-    if not cuts:
-        return None
-    tin = Grading(session.site, session.frame.origin).tin(step.surface)
-    return dug_map(tin, cuts, step.bucket_width_m, session.frame.origin, allowed_m=step.over_dig_mm * 1e-3)
+    grading, origin = Grading(session.site, session.frame.origin), session.frame.origin
+    found: list[DugMap] = []
+    for k, step in enumerate(steps):
+        if not isinstance(step, GradeSurface):
+            continue
+        driven: dict[bool, list[Floats]] = {True: [], False: []}
+        for number, job in enumerate(auto.jobs):
+            if job.step == k:
+                driven[job.job.startswith("cut ")].append(_poses(session, series.q[auto.which == number]))
+        cuts = [cut for cut in driven[True] if len(cut) > 1]
+        allowed, beside = step.over_dig_mm * 1e-3, [way for way in driven[False] if len(way)]
+        dug = dug_map(grading.tin(step.surface), cuts, step.bucket_width_m, origin, allowed_m=allowed, beside=beside)
+        if dug is not None:
+            found.append(dug)
+    return merged(found) if found else None
 
 
 def _poses(session: "Session", q: Floats) -> Floats:

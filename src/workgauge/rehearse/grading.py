@@ -10,8 +10,8 @@ import numpy as np
 from workgauge.machine.model import MachineModel
 from workgauge.motion.bucket.edge import Bucket
 from workgauge.motion.bucket.strokes import CutPace, Stroke, passes, stroke
-from workgauge.motion.bucket.surface_path import Blend, surface_path
-from workgauge.motion.bucket.ways import Way, default_reach, swing_axis, ways
+from workgauge.motion.bucket.surface_path import Blend
+from workgauge.motion.bucket.ways import Way, at_height, default_reach, swing_axis, ways
 from workgauge.motion.planning import Pace
 from workgauge.rehearse.auto_steps import GradeSurface
 from workgauge.site.model import SiteModel
@@ -158,7 +158,9 @@ class Grading:
             InputError: no way of it is in reach.
         """
         bucket = Bucket(step.bucket_width_m, math.radians(step.cutting_deg))
-        blend = Blend(step.turn_m, step.corner_mm * 1e-3, step.over_dig_mm * 1e-3)
+        # the room above the surface is left where the edge's ends bind as well, not only where its middle does
+        deepest_mm = max(step.over_dig_mm - step.above_mm, 0.0)
+        blend = Blend(step.turn_m, step.corner_mm * 1e-3, deepest_mm * 1e-3)
         found, said = self.ways(step.surface, Lines.of(step), machine, T, bucket, blend)
         inside = [way for way in found if way.joints is not None]
         if not inside:
@@ -171,16 +173,15 @@ class Grading:
         for way in inside:
             for k, offset in enumerate(passes(ground, way.made, step.depth_m, self._origin)):
                 raised = offset + step.above_mm * 1e-3
-                made = way.made
-                if raised > 0.0:
-                    made = surface_path(
-                        self.tin(step.surface), way.part, bucket, blend, self._origin, offset_m=raised
-                    )
                 words = f"cut {way.line}" if not k and offset == 0.0 else f"cut {way.line}, pass {k + 1}"
-                done = stroke(machine, T, q, made, pace, lift_m=step.lift_m, words=words)
-                strokes.append(done)
-                q = done.q_end
-        worst = max(one.error.corner_m for one in strokes)
+                made_all, left = at_height(self.tin(step.surface), way, machine, T, self._origin, blend, raised)
+                if left > 0.05:
+                    said.append(f"{words}: {left:.2f} m are out of reach so high and left out")
+                for made in made_all:
+                    done = stroke(machine, T, q, made, pace, lift_m=step.lift_m, words=words)
+                    strokes.append(done)
+                    q = done.q_end
+        worst = max((one.error.corner_m for one in strokes), default=0.0)
         if worst > 1e-3:
             said.append(
                 f"the machine cannot turn the edge as the surface lies: its ends are off by up to {worst:.3f} m"

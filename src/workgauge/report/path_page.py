@@ -159,7 +159,7 @@ def _table(found: Sequence[Way]) -> str:
             f"{max(len(way.part.points) - 2, 0)}",
             "yes" if way.joints is not None else "no",
             f"{1e3 * way.made.edge_m:.1f}",
-            f"{1e3 * way.made.below_m:.1f}",
+            f"{1e3 * way.below_m:.1f}",
             f"{1e3 * way.made.lift_m:.1f}",
             "" if way.error is None else f"{1e3 * way.error.corner_m:.2f}",
         ]

@@ -1,5 +1,6 @@
 """Surfaces of DXF files: the 3DFACEs of each layer. Read here, as text: pairs of a group code and a value."""
 
+import re
 from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
@@ -10,6 +11,7 @@ import numpy as np
 
 from workgauge.site.model import SiteModel, SurfaceModel
 from workgauge.site.surface.winding import wound_up
+from workgauge.site.text_file import refuse_wide
 from workgauge.site.units import LINEAR_UNITS
 from workgauge.values.arrays import Floats, Ints, freeze
 from workgauge.values.errors import SiteError
@@ -178,7 +180,13 @@ def _pairs(path: Path) -> list[tuple[int, int, str]]:
         raise SiteError(f"cannot be read: {error.strerror or error}", file=path) from error
     if raw.startswith(_BINARY):
         raise SiteError("is a binary DXF file, which is not read", file=path, allowed="DXF as text")
-    return list(_each(path, raw.decode("utf-8-sig", errors="replace").splitlines()))
+    refuse_wide(path, raw)
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        # files before 2007 are in the code page of whoever wrote them; this one has every byte
+        text = raw.decode("latin-1")
+    return list(_each(path, re.split(r"\r\n|\r|\n", text)))
 
 
 def _each(path: Path, lines: list[str]) -> Iterator[tuple[int, int, str]]:
@@ -189,7 +197,7 @@ def _each(path: Path, lines: list[str]) -> Iterator[tuple[int, int, str]]:
         yield i + 2, int(code), lines[i + 1].strip()
         if int(code) == 0 and lines[i + 1].strip() == "EOF":
             return
-    raise SiteError("ends before its end", file=path, line=len(lines), allowed="0 EOF as the last pair")
+    raise SiteError("ends before its end", file=path, line=len(lines) - 1 or None, allowed="0 EOF as the last pair")
 
 
 def _number(path: Path, line: int, text: str) -> float:

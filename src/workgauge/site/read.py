@@ -11,6 +11,7 @@ from workgauge.site.coordinates import resolve_crs
 from workgauge.site.dxf import looks_like_dxf, read_dxf
 from workgauge.site.landxml.reader import looks_like_landxml, read_landxml
 from workgauge.site.model import SiteModel
+from workgauge.site.text_file import refuse_wide
 from workgauge.site.xyz import looks_like_xyz, read_xyz
 from workgauge.values.errors import SiteError
 
@@ -156,6 +157,7 @@ def _read_one(path: Path) -> SiteModel:
     for reader in READERS:
         if reader.accepts(path, head):
             return reader.read(path)
+    refuse_wide(path, head)
     raise SiteError("unknown kind of site file", file=path, allowed=", ".join(r.name for r in READERS))
 
 

@@ -125,6 +125,28 @@ def test_the_edge_runs_at_its_speed_and_joints_do_not_jump(ground):
     assert end[2, 3] - made.path.at(made.path.length_m)[0][2, 3] == pytest.approx(done.lift_m, abs=1e-3)
 
 
+@settings(max_examples=8, deadline=None)
+@given(turned=st.floats(0, 360), one_in=st.floats(3.0, 10.0), allowed=st.sampled_from([0.0, 0.01, 0.03]))
+def test_four_joints_are_held_out_of_the_ground_where_they_cannot_turn(ground, turned, one_in, allowed):
+    """The machine's own edge, by its joints: nowhere deeper than allowed, and no higher than it must be."""
+    machine, tin = ground.four_jointed(), ground.slope(one_in, turned, -1.5)
+    line = [np.array([[6.8, 0.0], [5.6, 0.0]])]
+    (way,), _ = ways(tin, line, machine, HERE, ORIGIN, Bucket(), Blend(over_dig_m=allowed))
+    assert way.joints is not None and way.error is not None
+    q = way.joints.curve.at(np.linspace(0.0, way.joints.length_m, 60))[0]
+    T = np.array([machine.tool_pose(machine.forward(one)) for one in q])
+    across = np.linspace(-0.5, 0.5, 11)[:, None]
+    edge = T[:, None, :3, 3] + across * T[:, None, :3, 0]
+    normal = tin.normals[0]
+    lowest = ((edge - [0.0, 0.0, -1.5]) @ normal).min() / normal[2]  # the plane through (0, 0, -1.5), upright
+    assert lowest >= -allowed - 1.5e-3
+    assert way.below_m == pytest.approx(max(0.0, -lowest), abs=1e-3)
+    if way.made.lift_m > 0.0:
+        assert lowest <= 2e-3  # it touches the ground all the same
+    else:
+        assert way.error.corner_m <= allowed + 1.5e-3
+
+
 def test_lines_are_cut_to_what_is_reached_and_it_is_said(ground):
     machine = load_machine("rre20")
     near, far = default_reach(machine)

@@ -99,3 +99,16 @@ def test_three_points_are_a_surface_and_long_sides_can_be_left_out():
     assert len(made.faces) == 1
     far = triangulated([[0, 0, 0], [1, 0, 0], [0, 1, 0], [50, 50, 0]], longest_m=5.0)
     assert len(far.faces) == 1 and "longer than 5 m" in far.warnings[-1]
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10**6), apart=st.floats(1e-7, 0.9e-4))
+def test_points_a_hair_apart_are_one_wherever_they_lie(seed, apart):
+    """Also astride the border between two cells of a grid, where rounding would tell them apart."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(0, 30, (30, 3)) + FAR
+    angle = rng.uniform(0, 2 * np.pi, len(points))
+    twins = points + apart * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(len(points))])
+    made = triangulated(np.concatenate([points, twins]), [points[[0, 1]], twins[[1, 2]]])
+    assert len(made.vertices) - len(points) <= 1  # the two break lines may cross
+    assert f"{len(points)} points repeat others" in " ".join(made.warnings)

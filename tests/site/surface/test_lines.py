@@ -72,3 +72,8 @@ def test_towards_and_what_is_refused():
     for wrong in ({"nearest_m": 5.0, "farthest_m": 5.0}, {"count": 0}, {"spacing_m": 0.0}, {"nearest_m": -1.0}):
         with pytest.raises(InputError):
             side_by_side([0, 0], 0.0, **{"nearest_m": 2.0, "farthest_m": 7.0, **wrong})
+
+
+def test_the_first_of_two_beside_the_middle_is_to_the_right():
+    middle, right, left = side_by_side([0.0, 0.0], 0.0, 3.0, 6.0, 3, 1.0)
+    assert middle[:, 1].tolist() == [0.0, 0.0] and right[:, 1].tolist() == [-1.0, -1.0] and left[0, 1] == 1.0

@@ -1,6 +1,7 @@
 """What a bucket's edge has swept, cell by cell in plan, against the surface it was to follow."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +23,8 @@ class DugMap:
         low: (2,) corner of the first cell, absolute east, north [m]. cell_m: side of a cell.
         left_m: (columns, rows) above the design, upright, negative below it; NaN where the edge did not come.
         deepest_m: how far the edge was below the design anywhere at any pose, 0 for nowhere.
-        allowed_m: how far it was allowed to be, None if that was not asked.
+        allowed_m: how far it was allowed to be, None if that was not asked. Of several designs with depths of their
+            own, both are those of the one that has the least left.
     """
 
     low: Floats
@@ -74,6 +76,7 @@ def dug_map(
     *,
     allowed_m: float | None = None,
     cell_m: float = CELL_M,
+    beside: Sequence[Floats] = (),
 ) -> DugMap | None:
     """Return what an edge swept, None if it was nowhere over the surface.
 
@@ -81,12 +84,14 @@ def dug_map(
 
     Args:
         cuts: of each the tool's poses (N, 4, 4) less an origin (3,), in order.
+        beside: poses (N, 4, 4) of its ways there and back, whose depth counts, not their sweep.
     """
     places: list[Floats] = []
     deepest = 0.0
-    for T in cuts:
+    for T in (*cuts, *beside):
         at_ticks = above(tin, edge_points(T, width_m), origin)
         deepest = max(deepest, -float(np.nanmin(at_ticks, initial=0.0)))
+    for T in cuts:
         across = edge_points(T, width_m, 0.5 * cell_m)
         moves = np.linalg.norm(np.diff(across[:, [0, -1]], axis=0), axis=2).max(axis=1, initial=0.0)
         for k in range(len(T) - 1):
@@ -110,3 +115,18 @@ def dug_map(
     left = np.where(np.isfinite(left), left, np.nan)
     freeze(left)
     return DugMap(low, cell_m, left, deepest, allowed_m)
+
+
+def merged(maps: Sequence[DugMap]) -> DugMap:
+    """Return one map of several with cells of one size, each against its own design; the lowest of each cell."""
+    cell = maps[0].cell_m
+    firsts = np.array([np.rint(one.low / cell) for one in maps]).astype(np.int64)
+    origin = firsts.min(axis=0)
+    ends = np.array([first + one.left_m.shape for first, one in zip(firsts, maps, strict=True)])
+    left = np.full(tuple((ends.max(axis=0) - origin).tolist()), np.nan)
+    for first, one in zip(firsts - origin, maps, strict=True):
+        part = tuple(slice(int(a), int(a) + n) for a, n in zip(first, one.left_m.shape, strict=True))
+        left[part] = np.fmin(left[part], one.left_m)
+    freeze(left)
+    worst = max(maps, key=lambda one: one.deepest_m - (math.inf if one.allowed_m is None else one.allowed_m))
+    return DugMap(origin * cell, cell, left, worst.deepest_m, worst.allowed_m)

@@ -30,9 +30,11 @@ class Bucket:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.width_m <= 20.0:
-            raise InputError("not a bucket", element="width_m", value=self.width_m, allowed="above 0, at most 20 m")
+            raise InputError(
+                "not a bucket", element="bucket width", value=f"{self.width_m:.6g}", allowed="above 0, at most 20 m"
+            )
         if not abs(self.cutting_rad) <= math.radians(80.0):
-            value = f"{math.degrees(self.cutting_rad):.1f}"
+            value = f"{math.degrees(self.cutting_rad):.6g}"
             raise InputError("not a cutting angle", element="cutting_deg", value=value, allowed="-80 to 80")
 
 

@@ -54,6 +54,13 @@ def edge_error(machine: MachineModel, found: JointPath, width_m: float, every_m:
     return error_between(wanted, is_at, width_m)
 
 
+def own_edge(machine: MachineModel, found: JointPath, width_m: float, every_m: float = 0.01) -> Floats:
+    """Return the points (N, k, 3) of a machine's own edge along a joint path, in the site's local frame [m]."""
+    s = np.linspace(0.0, found.length_m, max(2, int(np.ceil(found.length_m / every_m)) + 1))
+    T = found.T_site_machine @ np.array([machine.tool_pose(machine.forward(q)) for q in found.curve.at(s)[0]])
+    return edge_points(T, width_m)
+
+
 def error_between(wanted: Floats, is_at: Floats, width_m: float) -> EdgeError:
     """Return how far edges at tool poses (N, 4, 4) are off the planes, ways and angles of those wanted (N, 4, 4)."""
     corners = edge_points(is_at, width_m)[:, [0, -1]]

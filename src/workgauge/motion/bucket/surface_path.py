@@ -46,7 +46,7 @@ class Blend:
         for name, low in (("turn_m", 0.0), ("corner_m", 0.0), ("over_dig_m", 0.0)):
             value = getattr(self, name)
             if value is not None and not low <= value <= 10.0:
-                raise InputError("not a blend", element=name, value=value, allowed="0 to 10 m")
+                raise InputError("not a blend", element=name, value=f"{value:.6g}", allowed="0 to 10 m")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,8 +55,8 @@ class SurfacePath:
 
     Attributes:
         path: of the tool. part: the line it follows, absolute.
-        normals: (k, 3) of the surface at the path's own points, which blend from one to the next.
-        lift_m: the most it was lifted to keep the edge out of the ground. offset_m: above the surface on purpose.
+        lift_m: the most it was lifted to keep the edge out of the ground; raised_m: so much of it all along, for what
+            a machine's joints cannot turn. offset_m: above the surface on purpose.
         edge_m: largest distance of any point of the edge from the surface (and `offset_m`), upright.
         below_m: how far any point of it is below, 0 for nowhere; off_surface: share of the edge with none under it.
         turned_rad: the most the orientation is off a triangle's own, next to edges.
@@ -71,6 +71,7 @@ class SurfacePath:
     below_m: float
     off_surface: float
     turned_rad: float
+    raised_m: float = 0.0
 
     def poses(self, spacing_m: float = LOOKED_M) -> tuple[Floats, Floats]:
         """Return distances (N,) along the path and tool poses (N, 4, 4) there."""
@@ -86,6 +87,7 @@ def surface_path(
     origin: Floats,
     *,
     offset_m: float = 0.0,
+    raised_m: float = 0.0,
 ) -> SurfacePath:
     """Return the edge's way along a line laid on a surface (Makkonen 15 to 21).
 
@@ -95,17 +97,18 @@ def surface_path(
 
     Args:
         origin: (3,) of the site's local frame, absolute. offset_m: how far above the surface.
+        raised_m: how much farther all along, which counts as lifted.
 
     Raises:
         InputError: for a part too short to be a way.
     """
     points, frames = _corners(tin, part, bucket, origin)
-    points[:, 2] += offset_m
+    points[:, 2] += offset_m + raised_m
     path, turned = _blended(points, frames, blend)
-    made = SurfacePath(path, part, bucket, offset_m, 0.0, 0.0, 0.0, 0.0, turned)
+    made = SurfacePath(path, part, bucket, offset_m, raised_m, 0.0, 0.0, 0.0, turned, raised_m)
     if blend.over_dig_m is not None:
         made = _lifted(tin, made, points, frames, blend, origin)
-    _s, T = made.poses(0.5 * LOOKED_M)
+    _, T = made.poses(0.5 * LOOKED_M)
     gap = above(tin, edge_points(T, bucket.width_m), origin)
     known = np.isfinite(gap)
     off = np.abs(gap[known] - offset_m).max(initial=0.0)
@@ -185,7 +188,7 @@ def _lifted(tin: Tin, made: SurfacePath, points: Floats, frames: Floats, blend: 
         at[:, 2] += raised
         leg = np.clip(np.searchsorted(own, 0.5 * (knots[1:] + knots[:-1]), side="right") - 1, 0, len(frames) - 1)
         path, turned = _blended(at, frames[leg], blend)
-        made = replace(made, path=path, turned_rad=turned, lift_m=float(raised.max()))
+        made = replace(made, path=path, turned_rad=turned, lift_m=made.raised_m + float(raised.max()))
     return made
 
 

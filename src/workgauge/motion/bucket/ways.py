@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workgauge.machine.model import MachineModel
-from workgauge.motion.bucket.edge import Bucket
+from workgauge.motion.bucket.edge import Bucket, above
 from workgauge.motion.bucket.reach import (
     BACK_M,
     SHORTEST_M,
@@ -15,6 +15,7 @@ from workgauge.motion.bucket.reach import (
     cut_to,
     edge_error,
     followed_from,
+    own_edge,
     reached,
 )
 from workgauge.motion.bucket.surface_path import Blend, SurfacePath, surface_path
@@ -26,8 +27,10 @@ from workgauge.values.arrays import Floats
 from workgauge.values.errors import InputError
 from workgauge.values.transforms import apply
 
-#: A way is shortened so often until the joints follow it.
-_TRIES = 6
+#: A way is shortened, or raised, so often until the joints follow it and the edge is nowhere too deep.
+_TRIES = 8
+#: What the joints are off their path counts as nothing [m].
+_ROUGHLY_M = 5e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +41,7 @@ class Way:
         line: number of the line in plan it is of, counted from 1. part: the line on the surface.
         made: the edge's path; of one out of reach, that of the whole part.
         joints: the machine's way along it, None if it is out of reach. error: of its edge beside the one wanted.
+        below_m: how far any of the edge is below the surface: the machine's own, if it is in reach.
         why: it is out of reach, else empty.
     """
 
@@ -46,6 +50,7 @@ class Way:
     made: SurfacePath
     joints: JointPath | None
     error: EdgeError | None
+    below_m: float
     why: str = ""
 
 
@@ -135,20 +140,41 @@ def _of_part(
     if not ways_found:
         _, _, why = followed_from(machine, whole.path, T_site_machine, machine.home)
         said.append(f"line {number}: not reached: {why}")
-        return [Way(number, part, whole, None, None, why or "out of reach")]
+        return [Way(number, part, whole, None, None, whole.below_m, why or "out of reach")]
     left = part.length_m - sum(way.part.length_m for way in ways_found)
     if left > 0.05:
         said.append(f"line {number}: {left:.2f} of {part.length_m:.2f} m are out of reach and cut off")
     for way in ways_found:
         if way.made.off_surface > 0.0:
-            said.append(
-                f"line {number}: {100 * way.made.off_surface:.0f} % of the edge's way has no surface under it"
-            )
+            said.append(f"line {number}: {_percent(way.made.off_surface)} of the edge's way has no surface under it")
         if way.made.lift_m > 0.0:
             said.append(
                 f"line {number}: lifted by up to {way.made.lift_m:.3f} m to keep the edge's ends out of the ground"
             )
     return ways_found
+
+
+def at_height(
+    tin: Tin, way: Way, machine: MachineModel, T_site_machine: Floats, origin: Floats, blend: Blend, offset_m: float
+) -> tuple[list[SurfacePath], float]:
+    """Return the paths above a way that is in reach, cut to what is reached so high; and what is cut off [m]."""
+    if offset_m <= 0.0:
+        return [way.made], 0.0
+    part, made = way.part, way.made
+    whole = surface_path(tin, part, made.bucket, blend, origin, offset_m=offset_m, raised_m=made.raised_m)
+    if followed_from(machine, whole.path, T_site_machine, machine.home)[0] is not None:
+        return [whole], 0.0
+    found: list[Way] = []
+    scale = part.length_m / whole.path.length_m
+    for begin, end in reached(machine, whole, T_site_machine):
+        span = (begin * scale, end * scale)
+        fitted = _fitted(tin, way.line, part, span, machine, T_site_machine, origin, whole, blend)
+        found += [] if fitted is None else [fitted]
+    return [one.made for one in found], part.length_m - sum(one.part.length_m for one in found)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %" if share >= 0.005 else "less than 1 %"
 
 
 def _fitted(
@@ -164,19 +190,28 @@ def _fitted(
 ) -> Way | None:
     """Return the way on a stretch (from, to) of a part, shortened until the joints follow it to its end."""
     begin, end = span
+    raised = whole.raised_m
     for _ in range(_TRIES):
         if end - begin < SHORTEST_M:
             return None
         cut = part if begin <= 0.0 and end >= part.length_m - 1e-6 else cut_to(part, begin, end)
-        made = whole if cut is part else surface_path(tin, cut, whole.bucket, blend, origin)
+        if cut is part and raised == whole.raised_m:
+            made = whole
+        else:
+            made = surface_path(tin, cut, whole.bucket, blend, origin, offset_m=whole.offset_m, raised_m=raised)
         joints, came, _ = followed_from(machine, made.path, T_site_machine, machine.home)
         if joints is not None:
             low, high = clear_of_ends(machine, joints)
             length = joints.length_m
-            if high - low >= length - 1e-6:
-                return Way(number, cut, made, joints, edge_error(machine, joints, whole.bucket.width_m))
-            scale = (end - begin) / length
-            begin, end = begin + low * scale, begin + high * scale
+            if high - low < length - 1e-6:
+                scale = (end - begin) / length
+                begin, end = begin + low * scale, begin + high * scale
+                continue
+            width = whole.bucket.width_m
+            below = max(0.0, -float(np.nanmin(above(tin, own_edge(machine, joints, width), origin), initial=0.0)))
+            if blend.over_dig_m is None or below <= max(blend.over_dig_m, made.below_m) + _ROUGHLY_M:
+                return Way(number, cut, made, joints, edge_error(machine, joints, width), below)
+            raised += below - 0.9 * blend.over_dig_m  # its ends dip where its joints cannot turn it as wanted
             continue
         if came < BACK_M:
             begin += 2.5 * BACK_M

@@ -46,7 +46,7 @@ def read_landxml(path: Path) -> SiteModel:
     units = read_units(document)
     places = PlaceReader(document, units, named_points(document))
     alignments, string_lines, cant_units = read_alignments(document, units, places)
-    surfaces = read_surfaces(document, units)
+    surfaces = read_surfaces(document, units, places)
     points = [
         *read_points(document, places),
         *read_locations(document, places),

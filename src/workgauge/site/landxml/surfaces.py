@@ -1,66 +1,80 @@
-"""Triangulated surfaces: `Surface` / `Definition` with `Pnts` and `Faces`, checked and wound upwards."""
+"""Surfaces: `Definition` with `Pnts` and `Faces`, checked and wound upwards; without faces, what they are made of."""
+
+from typing import NamedTuple
 
 import numpy as np
 
 from workgauge.site.landxml.blocks import NumberBlock, line_of
 from workgauge.site.landxml.document import Document, Element, child, children, descendants, label
-from workgauge.site.landxml.elements import beyond_any_map, map_limit
+from workgauge.site.landxml.elements import PlaceReader, beyond_any_map, map_limit
 from workgauge.site.landxml.features import code_of, feature_codes
 from workgauge.site.landxml.heights import doubt_heights
+from workgauge.site.landxml.sources import sources_of
 from workgauge.site.landxml.units import FileUnits
 from workgauge.site.model import SurfaceModel
+from workgauge.site.surface.bounded import bounded
 from workgauge.site.surface.winding import wound_up
 from workgauge.values.arrays import Floats, Ints, freeze
 from workgauge.values.errors import SiteError
 from workgauge.values.limits import Source
 
 
-def read_surfaces(document: Document, units: FileUnits) -> list[SurfaceModel]:
-    """Return the triangulated surfaces of a file.
+class _Triangles(NamedTuple):
+    """What a surface is, whatever the file made it of: vertices (n, 3), faces (m, 3) wound up, their plan area."""
+
+    vertices: Floats
+    faces: Ints
+    area: float
+
+
+def read_surfaces(document: Document, units: FileUnits, places: PlaceReader) -> list[SurfaceModel]:
+    """Return the surfaces of a file: their own triangles, or Delaunay's where there are none.
 
     Raises:
         SiteError: faces that name missing points, points with one id in two places.
     """
     surfaces: list[SurfaceModel] = []
     for element in descendants(document.root, "Surface"):
-        definition = child(element, "Definition")
-        blocks = (
-            []
-            if definition is None
-            else [document.points[p] for p in children(definition, "Pnts") if p in document.points]
-        )
-        if definition is None or not blocks:
-            document.warn("has no triangles and is left out", label(element), line_of(element))
-            continue
         if sum(1 for _ in children(element, "Definition")) > 1:
             document.warn("has several definitions; the first is used", label(element), line_of(element))
-        faces = [document.faces[f] for f in children(definition, "Faces") if f in document.faces]
-        surface = _surface(document, units, element, definition, blocks, faces)
-        if surface is not None:
-            surfaces.append(surface)
+        if _has_faces(document, element):
+            found = _of_faces(document, units, element)
+        else:
+            found = _of_sources(document, units, places, element)
+        if found is not None:
+            surfaces.append(_surface(document, element, found))
     return surfaces
 
 
-def _surface(
-    document: Document,
-    units: FileUnits,
-    element: Element,
-    definition: Element,
-    points: list[NumberBlock],
-    face_blocks: list[NumberBlock],
-) -> SurfaceModel | None:
-    owner = label(element)
+def _face_blocks(document: Document, element: Element) -> list[NumberBlock]:
+    definition = child(element, "Definition")
+    faces = [] if definition is None else children(definition, "Faces")
+    return [document.faces[f] for f in faces if f in document.faces]
+
+
+def _has_faces(document: Document, element: Element) -> bool:
+    """Return whether a surface has triangles of its own, be they all invisible."""
+    return any(len(block.values) or block.invisible for block in _face_blocks(document, element))
+
+
+def _of_faces(document: Document, units: FileUnits, element: Element) -> _Triangles | None:
+    """Return the surface of the file's own faces."""
+    owner, definition = label(element), child(element, "Definition")
+    assert definition is not None
+    face_blocks = _face_blocks(document, element)
+    points = [document.points[p] for p in children(definition, "Pnts") if p in document.points]
+    empty = np.empty((0, 3), dtype=np.int64)
+    named: Ints = np.concatenate([empty, *(b.values for b in face_blocks)])
+    lines: Ints = np.concatenate([empty[:, 0], *(b.lines for b in face_blocks)])
+    if not points or not len(named):
+        why = "has faces but no points" if not points else "has no visible face"
+        document.warn(f"{why} and is left out", owner, line_of(element))
+        return None
     ids = np.concatenate([b.ids for b in points])
     rows: Floats = np.concatenate([b.values for b in points])
     rows_lines: Ints = np.concatenate([b.lines for b in points])
     _check_size(document, units, owner, ids, rows, rows_lines)
     vertices = rows[:, [1, 0, 2]] * np.array([units.linear, units.linear, units.elevation])
-    empty = np.empty((0, 3), dtype=np.int64)
-    named: Ints = np.concatenate([empty, *(b.values for b in face_blocks)])
-    lines: Ints = np.concatenate([empty[:, 0], *(b.lines for b in face_blocks)])
-    if not len(named):
-        document.warn("has points but no faces and is left out", owner, line_of(element))
-        return None
     _check_ids(document, owner, ids, vertices, rows_lines)
     faces = _indices(document, owner, ids, named, lines)
     quads = sum(b.quads for b in face_blocks)
@@ -77,7 +91,39 @@ def _surface(
     # The declared area is in the file's area unit, which is mostly but not always the square of its linear unit.
     if stated and not invisible and units.linear == 1.0 and abs(stated - area) > max(0.01, 1e-6 * area):
         document.warn(f"plan area {stated:.2f} m2 declared, {area:.2f} m2 by its faces, which count", owner)
-    for array in (vertices, faces):
+    return _Triangles(vertices, faces, area)
+
+
+def _of_sources(document: Document, units: FileUnits, places: PlaceReader, element: Element) -> _Triangles | None:
+    """Return Delaunay's triangles of what a surface without faces is made of; it is always said."""
+    owner, line = label(element), line_of(element)
+    for block in (document.points[p] for p in descendants(element, "Pnts") if p in document.points):
+        _check_size(document, units, owner, block.ids, block.values, block.lines)
+    sources = sources_of(document, units, places, element)
+    if not len(sources.heights):
+        document.warn("has no triangles and no points, and is left out", owner, line)
+        return None
+    doubt_heights(document, units, sources.heights, owner, line)
+    points = np.concatenate([np.empty((0, 3)), *sources.points])
+    try:
+        made = bounded(points, sources.breaklines, sources.boundaries)
+    except SiteError as error:
+        value = "" if error.value is None else f" ({error.value})"
+        document.warn(f"has no faces, and {error.message}{value}; it is left out", owner, line)
+        return None
+    for text in made.warnings:
+        document.warn(text, owner, line)
+    outer = any(boundary.kind == "outer" for boundary in sources.boundaries)
+    sides = np.diff(made.vertices[made.faces[:, [0, 1, 2, 0]]][..., :2], axis=1)
+    longest = np.linalg.norm(sides, axis=2).max()
+    reach = "" if outer else f", out to their hull, with sides up to {longest:.1f} m"
+    document.warn(f"has no faces; the triangles are Delaunay's of {sources.words()}{reach}", owner, line)
+    wound = wound_up(made.vertices, made.faces)
+    return _Triangles(np.array(made.vertices), wound.faces, wound.plan_area_m2)
+
+
+def _surface(document: Document, element: Element, found: _Triangles) -> SurfaceModel:
+    for array in (found.vertices, found.faces):
         freeze(array)
     properties = feature_codes(element)
     name = (element.get("name") or "").strip() or f"surface at line {line_of(element) or 0}"
@@ -85,9 +131,9 @@ def _surface(
         name=name,
         code=code_of(element, properties),
         desc=element.get("desc") or None,
-        vertices=vertices,
-        faces=faces,
-        plan_area_m2=area,
+        vertices=found.vertices,
+        faces=found.faces,
+        plan_area_m2=found.area,
         properties=properties,
         source=Source(document.path.name, name, line_of(element)),
     )

@@ -15,6 +15,8 @@ from workgauge.values.errors import InputError
 CHORD_M = 1e-3
 #: And are no longer than this [m].
 _LONGEST_M = 5.0
+#: Nor does anything lie farther from a machine or an alignment [m].
+FARTHEST_M = 1e3
 #: No more lines than this at once.
 MOST_LINES = 1000
 
@@ -37,8 +39,10 @@ def side_by_side(
     _checked_reach(nearest_m, farthest_m)
     if not 1 <= count <= MOST_LINES:
         raise InputError("not a number of lines", element="lines", value=count, allowed=f"1 to {MOST_LINES}")
-    if not (math.isfinite(spacing_m) and spacing_m > 0.0):
-        raise InputError("not a spacing of lines", element="spacing", value=spacing_m, allowed="above 0 m")
+    if not (0.0 < spacing_m <= FARTHEST_M):
+        raise InputError(
+            "not a spacing of lines", element="spacing", value=f"{spacing_m:.6g}", allowed="above 0, at most 1000 m"
+        )
     forward = np.array([math.cos(yaw), math.sin(yaw)])
     left = np.array([-forward[1], forward[0]])
     offsets = sorted(((np.arange(count) - 0.5 * (count - 1)) * spacing_m).tolist(), key=lambda o: (abs(o), o))
@@ -68,16 +72,16 @@ def beside(alignment: Alignment, offset_m: float, begin_m: float, end_m: float) 
         begin_m, end_m: along the alignment [m]; held to its ends.
 
     Raises:
-        InputError: nothing of it lies between, or the offset is no number.
+        InputError: nothing of it lies between, or the offset is none.
     """
     low, high = max(begin_m, 0.0), min(end_m, alignment.length)
-    if not (math.isfinite(offset_m) and high > low):
-        value = f"{begin_m:.2f} to {end_m:.2f} m, {offset_m} m to the left"
+    if not (abs(offset_m) <= FARTHEST_M and high > low):
+        value = f"{begin_m:.2f} to {end_m:.2f} m, {offset_m:.6g} m to the left"
         raise InputError(
             "nothing of the alignment is there",
             element=f"alignment {alignment.name!r}",
             value=value,
-            allowed=f"0 to {alignment.length:.2f} m",
+            allowed=f"0 to {alignment.length:.2f} m, 1000 m to either side",
         )
     marks = np.unique(
         np.concatenate([[low, high], alignment.breaks[(alignment.breaks > low) & (alignment.breaks < high)]])
@@ -127,7 +131,14 @@ def towards(line: Floats, centre: ArrayLike) -> Floats:
 
 
 def _checked_reach(nearest_m: float, farthest_m: float) -> None:
-    if not 0.0 <= nearest_m < farthest_m < math.inf:
+    if not 0.0 <= nearest_m < farthest_m <= FARTHEST_M:
         raise InputError(
-            "not a reach", element="reach", value=f"{nearest_m} to {farthest_m} m", allowed="0 or more, growing"
+            "not a reach",
+            element="reach",
+            value=f"{_short(nearest_m)} to {_short(farthest_m)} m",
+            allowed="0 to 1000 m, growing",
         )
+
+
+def _short(value: float) -> str:
+    return f"{value:.2f}" if abs(value) < 1e6 else f"{value:.3g}"
