@@ -161,7 +161,7 @@ def test_steps_that_make_no_sense(keys):
         ("cutting_deg", 80.0, -80.0),
         ("over_dig_mm", 1e4, 0.0),
         ("corner_mm", 1e4, 0.0),
-        ("turn_m", 10.0, 0.0),
+        ("turn_m", 10.0, 1e-3),
     ],
 )
 def test_what_no_bucket_does_is_refused_by_the_key_written(key, most, least):

@@ -137,8 +137,8 @@ class GradeSurface(_Driven):
     above_mm: NotNegative = Field(default=0.0, description="so far above the surface the edge is to run")
     over_dig_mm: Little = Field(default=10.0, description="so far below the surface any of the edge may be")
     corner_mm: Little = Field(default=2.0, description="so far the way may pass from the edges it crosses")
-    turn_m: NotNegative = Field(
-        default=0.25, le=10.0, description="so far before and behind an edge the bucket turns"
+    turn_m: Positive = Field(
+        default=0.25, ge=1e-3, le=10.0, description="so far before and behind an edge the bucket turns"
     )
     depth_m: Positive | None = Field(default=None, description="of one pass, where ground is given")
     lift_m: Positive = Field(default=0.5, description="above the way's ends it comes and leaves")

@@ -18,6 +18,8 @@ from workgauge.values.errors import InputError
 SHORTEST_LEG_M = 5e-3
 #: Normals or directions that differ by less go on as one [rad].
 SAME_RAD = 1e-6
+#: An orientation turns over no less before and behind an edge [m].
+LEAST_TURN_M = 1e-3
 #: The edge is held against the surface this often along its way [m].
 LOOKED_M = 0.02
 #: A way is lifted, and let down again, over this [m].
@@ -33,7 +35,7 @@ class Blend:
     """How an edge between two triangles is crossed.
 
     Attributes:
-        turn_m: so far before and behind it the orientation turns, less where legs are short.
+        turn_m: so far before and behind it the orientation turns, less where legs are short; 1 mm at least.
         corner_m: so far the edge's middle may pass from the corner; 0 stops there.
         over_dig_m: so far any point of the edge may be below the surface; None for any depth.
     """
@@ -43,10 +45,10 @@ class Blend:
     over_dig_m: float | None = 0.01
 
     def __post_init__(self) -> None:
-        for name, low in (("turn_m", 0.0), ("corner_m", 0.0), ("over_dig_m", 0.0)):
+        for name, low in (("turn_m", LEAST_TURN_M), ("corner_m", 0.0), ("over_dig_m", 0.0)):
             value = getattr(self, name)
             if value is not None and not low <= value <= 10.0:
-                raise InputError("not a blend", element=name, value=f"{value:.6g}", allowed="0 to 10 m")
+                raise InputError("not a blend", element=name, value=f"{value:.6g}", allowed=f"{low:g} to 10 m")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
