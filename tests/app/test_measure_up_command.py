@@ -47,14 +47,14 @@ def touches(tmp_path: Path) -> Path:
     return table(tmp_path / "touches.csv", [*JOINTS, "x_m", "y_m", "z_m"], rows())
 
 
-def measure(cli, file: Path, *more: object, attachment: str = "ditching bucket"):  # type: ignore[no-untyped-def]
+def measure(cli, file: Path, *more: object, attachment: str = "trenching bucket"):  # type: ignore[no-untyped-def]
     return cli.workgauge("measure-up", file, "--machine", "rre20", "--attachment", attachment, *more)
 
 
 def test_the_tool_is_found_and_its_entry_printed(cli, touches: Path) -> None:
     data = measure(cli, touches, "--json").data
     assert data["attachment"]["tool"]["position_m"] == pytest.approx(TIP.tolist(), abs=0.012)
-    assert data["attachment"]["name"] == "ditching bucket" and data["redundancy"] == 15
+    assert data["attachment"]["name"] == "trenching bucket" and data["redundancy"] == 15
     assert 0 < data["tolerance_m"] < 0.02 and len(data["residuals_m"]) == 6 and data["file"] is None
     answer = measure(cli, touches)
     assert answer.code == 0 and "tolerance" in answer.out and "has no boxes" in answer.err

@@ -52,6 +52,7 @@ def test_exactly_the_documented_object_and_the_report(cli, write, tmp_path: Path
         "positioning",
         "travel",
         "automatic",
+        "dug",
         "warnings",
     ]
     assert (data["ticks"], data["simulated_s"], data["entries"]) == (140, 1.4, 0)

@@ -229,6 +229,12 @@ def test_a_drive_leaves_the_design_behind(tmp_path):
     assert result.as_json()["dug"]["rms_m"] == round(dug.rms_m, 5)
 
 
+def test_work_that_outlasts_its_step_is_refused_beforehand(tmp_path):
+    with pytest.raises(ScenarioError, match=r"the work takes \d+ s at least.*at_most_s of at least \d+") as refused:
+        run_scenario(scenario(tmp_path, str(RULES), at_most_s=5.0))
+    assert "step 2" in str(refused.value) and "1 cuts" not in str(refused.value)
+
+
 def without_the_design_as_limit(tmp_path) -> str:
     book = yaml.safe_load(RULES.read_text())
     book["rules"] = [{**one, "limits": []} if one["name"] == "design-surface" else one for one in book["rules"]]

@@ -151,6 +151,15 @@ def test_layers_with_letters_of_old_and_new_files(tmp_path, encoding):
     assert surface.name == "Gräben"
 
 
+def test_corners_a_hair_apart_are_one_wherever_they_lie(tmp_path):
+    for at in (10.0, 10.000004, 10.0000049):
+        one, other = (at, 0.0, 0.0), (at + 2e-6, 0.0, 0.0)
+        path = tmp_path / "a.dxf"
+        path.write_text(dxf(face("road", A, one, C, C), face("road", other, (at, 9.0, 0.0), C, C)))
+        (surface,) = read_site([path]).surfaces
+        assert len(surface.vertices) == 4 and len(surface.faces) == 2
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

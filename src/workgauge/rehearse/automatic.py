@@ -170,14 +170,8 @@ class Automatic:
             path = ToolPath.spline(places, turns, orientation=orientation)
         else:
             path = ToolPath.polyline(places, turns, orientation=orientation, blend_m=step.blend_mm * 1e-3)
-        least_s = path.length_m / step.speed_m_s
-        if least_s > step.at_most_s:
-            raise ScenarioError(
-                f"the path takes {least_s:.0f} s at least, longer than its step may",
-                element="points",
-                value=f"{path.length_m:.1f} m at {step.speed_m_s:g} m/s",
-                allowed=f"at_most_s of at least {math.ceil(least_s)}, a faster tool, or fewer repeats",
-            )
+        in_all = f"{path.length_m:.1f} m at {step.speed_m_s:g} m/s"
+        _in_time(path.length_m / step.speed_m_s, step, "path", "points", in_all, "fewer repeats")
         *approach, along = plan_path(self._machine, T_site_machine, q, path, _pace(step))
         start = along.trajectory.q[0]
         notes: list[str] = []
@@ -201,6 +195,9 @@ class Automatic:
             notes += self._refused(self._seen(work), step.deviation_m, work[1].words)
             jobs += [*self._jobs(approach, step), *self._jobs(work, step)]
             q = stroke.q_end
+        in_all = f"{len(strokes)} {'cut' if len(strokes) == 1 else 'cuts'}"
+        least_s = sum(job.trajectory.duration_s for job in jobs if job.trajectory is not None)
+        _in_time(least_s, step, "work", "grade", in_all, "less of it in one step")
         return Planned(tuple(jobs), q, tuple(dict.fromkeys(notes)))
 
     def _goal(self, step: GoTo, q: Floats, T_site_machine: Floats) -> Planned:
@@ -337,6 +334,17 @@ class Automatic:
             tolerance_m=step.tolerance_mm * 1e-3,
             tolerance_rad=math.radians(step.tolerance_deg),
             around=step.around,
+        )
+
+
+def _in_time(least_s: float, step: AutoStep, what: str, element: str, value: str, less: str) -> None:
+    """Refuse beforehand what would be cut off half done by its step's time."""
+    if least_s > step.at_most_s:
+        raise ScenarioError(
+            f"the {what} takes {least_s:.0f} s at least, longer than its step may",
+            element=element,
+            value=value,
+            allowed=f"at_most_s of at least {math.ceil(least_s)}, a faster tool, or {less}",
         )
 
 

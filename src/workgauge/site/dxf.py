@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from workgauge.site.model import SiteModel, SurfaceModel
+from workgauge.site.surface.joined import joined
 from workgauge.site.surface.winding import wound_up
 from workgauge.site.text_file import refuse_wide
 from workgauge.site.units import LINEAR_UNITS
@@ -136,11 +137,9 @@ def _surface(path: Path, layer: str, found: list[_Face], unit: float, warnings: 
     corners = np.array(triangles).reshape(-1, 3)
     if np.abs(corners).max(initial=0.0) > LARGEST_M:
         raise SiteError("coordinates beyond any map", file=path, line=found[0][0], element=f"layer {layer!r}")
-    _, first, of = np.unique(
-        np.round(corners / SAME_M).astype(np.int64), axis=0, return_index=True, return_inverse=True
-    )
+    first, of = joined(corners, SAME_M)
     vertices: Floats = corners[first]
-    faces: Ints = of.reshape(-1, 3).astype(np.int64)
+    faces: Ints = of.reshape(-1, 3)
     wound = wound_up(vertices, faces)
     if wound.degenerate:
         warnings.append(f"{path.name}: layer {layer!r}: {wound.degenerate} faces without area are left out")

@@ -147,3 +147,10 @@ def test_what_is_no_surface_is_refused():
     with pytest.raises(SiteError, match="no surface given"):
         Tin.of_all([])
     assert len(Tin(SQUARE, [[0, 1, 2]]).at(np.empty((0, 2))).z) == 0
+
+
+@pytest.mark.parametrize("at", [1.0, 1.0000004, 1.00000049])
+def test_triangles_that_share_a_side_to_a_hair_are_one_piece(at):
+    left, right = [[0, 0, 0], [at, 0, 0], [at, 1, 0]], [[at + 2e-7, 0, 0], [2, 0, 0], [at + 2e-7, 1, 0]]
+    tin = Tin(np.array(left + right, dtype=float), [[0, 1, 2], [3, 4, 5]])
+    assert len(tin.findings.outlines) == 1 and not tin.findings.holes and not len(tin.findings.overlaps)

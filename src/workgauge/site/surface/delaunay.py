@@ -7,11 +7,10 @@ from itertools import pairwise
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import Delaunay, QhullError, cKDTree
+from scipy.spatial import Delaunay, QhullError
 
 from workgauge.site.surface.flips import Mesh
+from workgauge.site.surface.joined import joined
 from workgauge.values.arrays import Floats, Ints, freeze
 from workgauge.values.errors import SiteError
 
@@ -115,7 +114,7 @@ def _noded(parts: list[Floats], warnings: list[str]) -> tuple[Floats, list[tuple
     lines = [part for part in parts[1:] if len(part) > 1]
     crossings = _crossings(lines, warnings)
     every = np.concatenate([*parts, crossings])
-    first, of = _joined(every[:, :2])
+    first, of = joined(every[:, :2], SAME_M)
     top = np.full(len(first), -np.inf)
     np.maximum.at(top, of, every[:, 2])
     low = np.full(len(first), np.inf)
@@ -140,19 +139,6 @@ def _noded(parts: list[Floats], warnings: list[str]) -> tuple[Floats, list[tuple
             if a != b:
                 edges += _threaded(nodes, tree, a, b)
     return nodes, edges
-
-
-def _joined(plan: Floats) -> tuple[Ints, Ints]:
-    """Return the first of each group of points (n, 2) that are one, and of each point which group it is in.
-
-    By distance, not by cells of a grid: two points a hair apart may lie in different cells.
-    """
-    _, repeated, of = np.unique(plan, axis=0, return_index=True, return_inverse=True)
-    close = cKDTree(plan[repeated]).query_pairs(SAME_M, output_type="ndarray")
-    links = coo_array((np.ones(len(close)), (close[:, 0], close[:, 1])), shape=(len(repeated),) * 2)
-    group = connected_components(links, directed=False)[1].astype(np.int64)[of.reshape(-1)]
-    first: Ints = np.unique(group, return_index=True)[1]
-    return first, group
 
 
 def _threaded(nodes: Floats, tree: shapely.STRtree, a: int, b: int) -> list[tuple[int, int]]:

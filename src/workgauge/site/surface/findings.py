@@ -6,10 +6,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from workgauge.site.surface.joined import joined
 from workgauge.values.arrays import Floats, Ints
 
 #: Triangles overlap that reach into each other by more than this in plan [m].
 OVERLAP_M = 1e-4
+#: Points nearer to each other in plan than this are one [m].
+SAME_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,10 +60,9 @@ def findings(plan: Floats, faces: Ints, level: NDArray[np.bool_], origin: Floats
 
     Points of different index at one place count as one.
     """
-    _, same = np.unique(np.round(plan / 1e-6).astype(np.int64), axis=0, return_inverse=True)
-    joined = same.reshape(-1)[faces]
+    first, same = joined(plan, SAME_M)
     overlaps = _overlaps(plan, faces, np.flatnonzero(level))
-    loops = [plan[where] + origin for where in _loops(joined[level], _first_of(same.reshape(-1)))]
+    loops = [plan[where] + origin for where in _loops(same[faces][level], first)]
     areas = [_area(loop) for loop in loops]
     middle = None if not len(overlaps) else plan[faces[overlaps[0, 0]]].mean(axis=0) + origin
     return Findings(
@@ -70,12 +72,6 @@ def findings(plan: Floats, faces: Ints, level: NDArray[np.bool_], origin: Floats
         tuple(loop for loop, area in zip(loops, areas, strict=True) if area > 0.0),
         middle,
     )
-
-
-def _first_of(same: Ints) -> Ints:
-    """Return for each class the first point of it."""
-    first: Ints = np.unique(same, return_index=True)[1]
-    return first
 
 
 def _area(loop: Floats) -> float:
