@@ -35,8 +35,9 @@ def a_snapshot(number: int = 1, **changed: object) -> Snapshot:
         "intent_age_ms": None, "intent": 0, "stopped": "", "enabled": False, "q": (0.0,), "pose": (0.0,) * 12,
         "stop_q": (0.0,), "desired": (0.0,), "allowed": (0.0,), "valves": (0,), "levers": (0.0,) * 6, "scale": 1.0,
         "near": (), "held": (), "ranges": (), "health": "perfect", "health_reasons": (), "guard": "barrier",
-        "settings": (), "off_states": (), "suspended": (), "preview": "", "previewing": False, "running": "",
-        "job": "", "tick_ms": (1.0, 2.0), "late_ticks": 0, "heard": Heard(), "answers": (), "events": (),
+        "settings": (), "off_states": (), "let_off": (), "suspended": (), "preview": "", "previewing": False,
+        "running": "", "job": "", "tick_ms": (1.0, 2.0), "late_ticks": 0, "heard": Heard(), "answers": (),
+        "events": (),
     }  # fmt: skip
     return Snapshot(Stamp(MACHINE, 1, "machine"), number, **(rest | changed))  # type: ignore[arg-type]
 

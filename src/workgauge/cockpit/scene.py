@@ -8,9 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from workgauge.cockpit import colours
+from workgauge.cockpit.looks import Looks
+from workgauge.cockpit.quaternions import quaternion
 from workgauge.gauge.meshes import mesh_parts
 from workgauge.machine.model import MachineModel
 from workgauge.rehearse.session import Session
+from workgauge.site.alignment import Alignment
 from workgauge.values.arrays import Floats
 from workgauge.values.limits import Limit
 from workgauge.values.station import Foreseen, Near, Snapshot, Suspended
@@ -27,30 +30,12 @@ CHAINAGE_M, CHAINAGE_WITHIN_M = 20.0, 100.0
 SMALLEST_HALO_M = 0.005
 
 
-def quaternion(R: Floats) -> tuple[float, float, float, float]:
-    """Return the unit quaternion (w, x, y, z) of a rotation (3, 3)."""
-    trace = float(np.trace(R))
-    candidates = np.array([trace, R[0, 0], R[1, 1], R[2, 2]])
-    k = int(np.argmax(candidates))
-    if k == 0:
-        q = np.array([1.0 + trace, R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    else:
-        i = k - 1
-        j, m = (i + 1) % 3, (i + 2) % 3
-        q = np.zeros(4)
-        q[0] = R[m, j] - R[j, m]
-        q[1 + i] = 1.0 + R[i, i] - R[j, j] - R[m, m]
-        q[1 + j] = R[j, i] + R[i, j]
-        q[1 + m] = R[m, i] + R[i, m]
-    w, x, y, z = (q / np.linalg.norm(q)).tolist()
-    return w, x, y, z
-
-
 class Boxes:
     """A machine's link solids as boxes, placed by a posture.
 
     Args:
         scene: viser's. machine: whose. name: of the node. opacity: None for a solid machine, else a ghost.
+            A solid machine's links look as their meshes do, where they have any.
     """
 
     def __init__(
@@ -59,10 +44,14 @@ class Boxes:
         self._machine = machine
         poses, halves = machine.solid_poses(machine.forward(machine.home))
         self._root = scene.add_frame(name, show_axes=False, visible=opacity is None)
-        self._boxes = []
+        self._looks = Looks(scene, machine, name) if opacity is None else None
+        seen = frozenset() if self._looks is None else self._looks.links
+        self._boxes: dict[int, Any] = {}
         for i, (T, half) in enumerate(zip(poses, halves, strict=True)):
+            if machine.solids[i].link in seen:
+                continue
             still = machine.solids[i].link == 0 and opacity is None
-            box = scene.add_box(
+            self._boxes[i] = scene.add_box(
                 f"{name}/{i}",
                 color=colours.UNDERCARRIAGE if still else rgb,
                 dimensions=tuple(2.0 * half),
@@ -70,16 +59,18 @@ class Boxes:
                 position=tuple(T[:3, 3]),
                 wxyz=quaternion(T[:3, :3]),
             )
-            self._boxes.append(box)
 
     def place(self, q: ArrayLike, T_site_machine: Floats) -> None:
         """Move it to a posture (n,) at a pose (4, 4)."""
-        poses, halves = self._machine.solid_poses(self._machine.forward(q))
+        kin = self._machine.forward(q)
+        poses, halves = self._machine.solid_poses(kin)
         self._root.position, self._root.wxyz = tuple(T_site_machine[:3, 3]), quaternion(T_site_machine[:3, :3])
-        for box, T, half in zip(self._boxes, poses, halves, strict=True):
-            box.position, box.wxyz = tuple(T[:3, 3]), quaternion(T[:3, :3])
+        for i, box in self._boxes.items():
+            box.position, box.wxyz = tuple(poses[i][:3, 3]), quaternion(poses[i][:3, :3])
             if self._machine.stretches.size:
-                box.dimensions = tuple(2.0 * half)
+                box.dimensions = tuple(2.0 * halves[i])
+        if self._looks is not None:
+            self._looks.place(kin.T_machine_links)
 
     def show(self, visible: bool) -> None:
         """Show or hide it."""
@@ -126,7 +117,7 @@ class Limits(Around):
     def _draw(self, at: Floats) -> None:
         self._of: dict[str, list[Any]] = {}
         self._shown: dict[str, str] = {}
-        for name, limit in self._limits.items():
+        for number, (name, limit) in enumerate(self._limits.items()):
             self._of[name] = []
             for i, part in enumerate(self._parts[name]):
                 faces = _near_faces(part.vertices, part.faces, at)
@@ -137,7 +128,7 @@ class Limits(Around):
                 rgb, opacity = colours.LIMITS[limit.kind]
                 self._of[name].append(
                     self._scene.add_mesh_simple(
-                        f"/limits/{limit.kind}/{name.replace('/', '-')}/{i}",
+                        f"/limits/{limit.kind}/{number}/{i}",
                         (part.vertices[used] - middle).astype(np.float32),
                         local.reshape(-1, 3).astype(np.uint32),
                         color=rgb,
@@ -151,7 +142,7 @@ class Limits(Around):
                 )
             self._nodes.extend(self._of[name])
 
-    def update(self, off_states: Sequence[str], let_off: frozenset[str], suspended: Sequence[Suspended]) -> None:
+    def update(self, off_states: Sequence[str], let_off: Sequence[str], suspended: Sequence[Suspended]) -> None:
         """Show what counts now."""
         gone = {one.limit for one in suspended}
         for name, limit in self._limits.items():
@@ -170,9 +161,10 @@ class Limits(Around):
 
 
 def _near_faces(vertices: Floats, faces: Any, around: Floats) -> Any:
-    """Return the faces with a corner near a place, in plan."""
-    near = np.linalg.norm(vertices[:, :2] - around[:2], axis=1) < DRAWN_M
-    return faces[near[faces].any(axis=1)]
+    """Return the faces whose bounding rectangle in plan comes near a place."""
+    corners = vertices[:, :2][faces]
+    beyond = np.maximum(corners.min(axis=1) - around[:2], around[:2] - corners.max(axis=1))
+    return faces[np.linalg.norm(np.maximum(beyond, 0.0), axis=1) < DRAWN_M]
 
 
 class Clearances:
@@ -227,15 +219,23 @@ class Tracks(Around):
 
     def _draw(self, at: Floats) -> None:
         origin = self._session.frame.origin
-        for alignment in self._session.site.alignments:
+        for number, alignment in enumerate(self._session.site.alignments):
             distance, offset = alignment.project((at[:2] + origin[:2])[None])
             if abs(float(offset[0])) > CHAINAGE_WITHIN_M:
                 continue
             first = max(0.0, float(distance[0]) - CHAINAGE_WITHIN_M)
             last = min(alignment.length, float(distance[0]) + CHAINAGE_WITHIN_M)
-            self._track(alignment, first, last, float(distance[0]))
+            self._track(f"/tracks/{number}", alignment, first, last, float(distance[0]))
 
-    def _track(self, alignment: Any, first: float, last: float, here: float) -> None:
+    def _rails(self, alignment: Alignment) -> tuple[float, ...]:
+        """Return how far left of an alignment its rails lie [m]: by its cant's gauge, else the machine's own if that
+        runs on rails; a single line where neither is known.
+        """
+        own = self._session.machine.undercarriage
+        gauge_m = alignment.cant_gauge_m or (own.gauge_m if own.kind == "rail" else None)
+        return (0.0,) if gauge_m is None else (0.5 * gauge_m, -0.5 * gauge_m)
+
+    def _track(self, node: str, alignment: Alignment, first: float, last: float, here: float) -> None:
         """Draw one track between two distances along it, its name where the machine is."""
         origin = self._session.frame.origin
         along = np.unique(np.concatenate([np.arange(first, last, 2.0), [last]]))
@@ -244,11 +244,11 @@ class Tracks(Around):
         middle = np.stack([state.e, state.n, z], axis=1) - origin
         left = np.stack([-np.cos(state.heading), np.sin(state.heading), np.zeros_like(z)], axis=1)
         name = alignment.name.strip()
-        for side, half in (("left", 0.75), ("right", -0.75)):
-            rail = middle + half * left
+        for i, aside in enumerate(self._rails(alignment)):
+            rail = middle + aside * left
             segments = np.stack([rail[:-1], rail[1:]], axis=1).astype(np.float32)
             self._nodes.append(
-                self._scene.add_line_segments(f"/tracks/{name}/{side}", segments, colours.RAIL, thickness=0.07)
+                self._scene.add_line_segments(f"{node}/rail {i}", segments, colours.RAIL, thickness=0.07)
             )
         for at in np.arange(math.ceil(first / CHAINAGE_M) * CHAINAGE_M, last, CHAINAGE_M).tolist():
             i = int(np.argmin(np.abs(along - at)))
@@ -257,7 +257,7 @@ class Tracks(Around):
             near = abs(at - here) <= 0.5 * CHAINAGE_M
             self._nodes.append(
                 self._scene.add_label(
-                    f"/tracks/{name}/{at:.0f}",
+                    f"{node}/{at:.0f}",
                     f"{name} {text}" if near else text,
                     position=tuple(middle[i] + np.array([0.0, 0.0, 0.1])),
                     anchor="center-center",
@@ -303,7 +303,7 @@ class Scene:
         self._near.update(now.near, keep)
         self._tracks.follow(T[:3, 3])
         self._limits.follow(T[:3, 3])
-        self._limits.update(now.off_states, self._session.let_off, now.suspended)
+        self._limits.update(now.off_states, now.let_off, now.suspended)
         self._preview(now)
 
     def foreseen(self, found: Foreseen) -> None:

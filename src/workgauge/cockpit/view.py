@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import viser
 
-from workgauge.cockpit.scene import Scene, quaternion
+from workgauge.cockpit.quaternions import quaternion, rotation_of
+from workgauge.cockpit.scene import Scene
 from workgauge.rehearse.session import Session
 from workgauge.values.arrays import Floats
 from workgauge.values.errors import WireError
@@ -163,21 +164,9 @@ class View:
             return
         with self._lock:
             self._told_s = time.monotonic()
-            R = _rotation(np.asarray(handle.wxyz, dtype=np.float64))
+            R = rotation_of(np.asarray(handle.wxyz, dtype=np.float64))
             rows = np.concatenate([R, np.asarray(handle.position, dtype=np.float64)[:, None]], axis=1)
             stamp = Stamp(self._machine_id, time.monotonic_ns(), SOURCE)
             self._mail.publish(
                 topic(self._machine_id, "handle"), encode_station(Handle(stamp, tuple(rows.ravel().tolist())))
             )
-
-
-def _rotation(wxyz: Floats) -> Floats:
-    """Return the rotation (3, 3) of a quaternion (w, x, y, z)."""
-    w, x, y, z = wxyz / np.linalg.norm(wxyz)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )

@@ -9,14 +9,14 @@ from workgauge.values.measurements import Stamp
 class RequestKind(StrEnum):
     """What can be asked of a running machine. All but STOP, TAKE, BEAT, WATCH and OVERRIDE need the driver's seat."""
 
-    TAKE = "take"  #: the driver's seat, if it is free; else its driver is told that it is wanted
+    TAKE = "take"  #: the driver's seat, if it is free; else its driver is told that it is wanted. Ends a scenario
     GIVE = "give"  #: `text`: hand the seat over to
     LEAVE = "leave"  #: the seat
     STOP = "stop"  #: the machine, whoever drives
     CLEAR = "clear"  #: an earlier stop
     STATE = "state"  #: `text`: a work state; `on`: whether it is
     GUARD = "guard"  #: `text`: its name; `settings`: its thresholds
-    PLAY = "play"  #: the scenario's own drive, from its beginning
+    PLAY = "play"  #: the scenario's own drive, from its beginning; the driver keeps the seat, their hands rest
     PAUSE = "pause"  #: or, with `on` false, go on
     RESTART = "restart"  #: put the machine back where it began
     PREVIEW = "preview"  #: `text`: an id; `numbers`: 12, upper rows of the tool's goal in the site; `on`: turned, too
@@ -154,6 +154,7 @@ class Snapshot:
         ranges: (n) of (least, greatest) speed each lever alone may still command; empty if the guard cannot say.
         health: state of the position. health_reasons: in words.
         guard, settings: in use. off_states: work states that are off.
+        let_off: tracks whose envelopes are no limit now.
         suspended: limits a supervisor has suspended.
         preview: the last one, and whether one is being worked on. running: id of the preview that runs.
         job: state of what runs. tick_ms: the last second's median and greatest. late_ticks: begun late.
@@ -188,6 +189,7 @@ class Snapshot:
     guard: str
     settings: tuple[tuple[str, float], ...]
     off_states: tuple[str, ...]
+    let_off: tuple[str, ...]
     suspended: tuple[Suspended, ...]
     preview: str
     previewing: bool

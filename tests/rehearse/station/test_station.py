@@ -233,26 +233,53 @@ def test_the_scenario_plays_pauses_and_ends(bench) -> None:
     bench.step(200)
     assert bench.answer(played).done
     assert bench.now().doing == "scenario"
-    assert bench.station.desk.driver == ""
+    assert bench.station.desk.driver == PAGE
     assert any(bench.valves)
-    bench.ask(Ask.TAKE, OTHER)  # takes the hands of the scenario away
-    bench.step()
-    assert bench.station.desk.driver == OTHER
-    bench.step(2)
-    assert not any(bench.valves)
-    bench.move(OTHER)
-    bench.ask(Ask.PAUSE, OTHER)
+    refused = bench.ask(Ask.PAUSE, OTHER)
+    bench.ask(Ask.PAUSE)
     bench.step(1)
+    assert not bench.answer(refused).done
     t_s = bench.station.session.t_s
     for _ in range(20):
-        bench.move(OTHER, left_x=1.0)
+        bench.move(left_x=1.0)
         bench.step()
     assert bench.station.session.t_s == t_s
     assert bench.now().doing == "paused"
-    bench.ask(Ask.PAUSE, OTHER, on=False)
-    bench.move(OTHER)
-    bench.step(3)
+    bench.ask(Ask.PAUSE, on=False)
+    bench.drive(3)
     assert bench.station.session.t_s > t_s
+    assert bench.now().doing == "scenario"
+    bench.ask(Ask.TAKE)  # drives on by hand
+    bench.drive(2, left_x=1.0)
+    assert bench.now().doing == "driving"
+
+
+def test_where_a_scenario_ends_the_hands_must_be_let_go_first(bench) -> None:
+    bench.seated()
+    bench.ask(Ask.PLAY)
+    bench.drive(200)
+    assert any(bench.valves)
+    bench.ask(Ask.TAKE)
+    bench.drive(30, left_x=1.0)  # never let go since it was pressed
+    assert not any(bench.valves)
+    bench.drive(30)
+    assert not bench.station.session.gate_open
+    bench.move(enable=False)
+    bench.step()
+    bench.drive(3)
+    assert bench.station.session.gate_open
+
+
+def test_a_scenario_plays_on_when_its_player_falls_silent_and_anybody_may_take_the_seat(bench) -> None:
+    bench.seated()
+    bench.ask(Ask.PLAY)
+    bench.step(600)
+    assert bench.station.desk.driver == ""
+    assert bench.now().doing == "scenario"
+    bench.ask(Ask.TAKE, OTHER)  # takes the hands of the scenario away
+    bench.step(3)
+    assert bench.station.desk.driver == OTHER
+    assert not any(bench.valves)
 
 
 @pytest.mark.prove

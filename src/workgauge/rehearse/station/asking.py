@@ -52,8 +52,8 @@ class Asking:
             desk.wanted_by = source
             self._station.event(f"{source} asks {desk.driver} for the driver's seat")
             return "somebody drives: they have been told that you want to"
+        self._station.stop_playing()
         if desk.driver != source:
-            self._station.stop_playing()
             self._station.goals.cancel()
             desk.seat(source, now_ns)
             self._station.event(f"{source} takes the driver's seat")
@@ -118,10 +118,8 @@ class Asking:
         return ""
 
     def _play(self, request: Request, now_ns: int) -> str:
-        source = request.stamp.source
         self._station.play()
-        self._station.desk.seat("", now_ns)
-        self._station.event(f"scenario played by {source}")
+        self._station.event(f"scenario played by {request.stamp.source}")
         return ""
 
     def _pause(self, request: Request, now_ns: int) -> str:

@@ -73,6 +73,7 @@ class Station:
         warm_up(self.session.config)
         self.names = telling.Names({limit.id: limit for limit in self.session.limit_set.limits})
         self.player: Player | None = None
+        self._played = False
         self.paused = False
         self.stopped = ""
         self.goals = Goals(self.session)
@@ -120,9 +121,9 @@ class Station:
         self.event("scenario begins")
 
     def stop_playing(self) -> None:
-        """Take the hands of the scenario away."""
+        """Take the hands of the scenario away; whoever has the seat must let go and press Enable to go on."""
         if self.player is not None:
-            self.player = None
+            self.player, self._played = None, True
             self.session.travel(0.0)
             self.event("scenario ends")
 
@@ -195,6 +196,9 @@ class Station:
             if played is not None:
                 return played
             self.stop_playing()
+        if self._played:
+            self._played = False
+            return None, None
         intent = self.desk.intent(now_ns, round(session.t_s * 1e9))
         if intent is None:
             return None, None
@@ -270,6 +274,7 @@ class Station:
             guard=session.guard.name,
             settings=telling.guard_settings(session.guard),
             off_states=tuple(sorted(session.off_states & session.states)),
+            let_off=tuple(sorted(session.let_off)),
             suspended=self.suspensions.now(session, self.names),
             preview=self.goals.preview_id,
             previewing=self.goals.working,

@@ -27,8 +27,8 @@ export class Link extends EventTarget {
   }
 
   send(words) {
-    // what a slow network holds back is not sent later: it would be wanted no more
-    if (this.ready && this.socket.bufferedAmount < 20000) this.socket.send(JSON.stringify(words));
+    // what a slow network holds back is not sent later: it would be wanted no more; a stop always is
+    if (this.ready && (words.kind === "stop" || this.socket.bufferedAmount < 20000)) this.socket.send(JSON.stringify(words));
   }
 
   ask(kind, rest = {}) {

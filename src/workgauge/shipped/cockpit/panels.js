@@ -115,11 +115,12 @@ export function header(now, setup, link) {
 
 export function seat(now, me) {
   const mine = now.driver === me && me !== "";
-  const words = mine ? "you drive" : now.doing === "scenario" ? "the scenario drives" : now.driver ? `${now.driver} drives, you watch` : "nobody drives";
+  const playing = now.doing === "scenario";
+  const words = mine ? (playing ? "the scenario drives; stop and pause are yours" : "you drive") : playing ? "the scenario drives" : now.driver ? `${now.driver} drives, you watch` : "nobody drives";
   const wanted = now.wanted_by && mine ? `; ${now.wanted_by} asks for the seat` : now.wanted_by === me ? "; you asked for the seat" : "";
   set($("seatText"), words + wanted);
-  $("take").hidden = mine;
-  set($("take"), now.driver && !mine ? "Ask for the seat" : "Take the seat");
+  $("take").hidden = mine && !playing;
+  set($("take"), mine ? "Drive yourself" : now.driver ? "Ask for the seat" : "Take the seat");
   $("give").hidden = !(mine && now.wanted_by);
   $("leave").hidden = !mine;
   $("clear").hidden = !(mine && now.stopped);
