@@ -7,13 +7,16 @@ import socket
 import subprocess
 import sys
 import urllib.request
+from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 pytest.importorskip("starlette", reason="the cockpit's extra is not installed")
 
 from workgauge.app.cockpit_processes import free_port
+from workgauge.rehearse.shipped import shipped_path
 
 
 @pytest.mark.parametrize(
@@ -43,6 +46,22 @@ def test_a_token_that_is_guessed_easily_is_refused(cli: Any, monkeypatch: pytest
     answer = cli.workgauge("cockpit", "--no-open", "--host", "0.0.0.0")
     assert answer.code == 2
     assert "easy to guess" in answer.err and "secret" not in answer.err
+
+
+def test_a_log_that_cannot_be_written_is_refused(cli: Any, tmp_path: Path) -> None:
+    answer = cli.workgauge("cockpit", "--no-open", "--log", tmp_path)
+    assert answer.code == 2
+    assert "cannot be written" in answer.err and tmp_path.name in answer.err
+
+
+def test_a_machine_with_a_mesh_that_is_none_is_refused(cli: Any, tmp_path: Path) -> None:
+    description = yaml.safe_load(shipped_path("machines", "rre20.yaml").read_text())
+    description["meshes"] = [{"link": "stick", "file": "stick.stl"}]
+    (tmp_path / "stick.stl").write_bytes(b"not a mesh at all")
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(description))
+    answer = cli.workgauge("cockpit", "--no-open", "--machine", tmp_path / "mine.yaml")
+    assert answer.code == 2
+    assert "mesh" in answer.err and "stick.stl" in answer.err.replace("\n", "")
 
 
 @pytest.mark.prove

@@ -5,6 +5,7 @@ import os
 import signal
 import time
 import webbrowser
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -43,6 +44,12 @@ def cockpit_command(
     round_trip_ms: Annotated[
         float, typer.Option(min=50, max=5000, help="A link slower than this stops the machine.")
     ] = 500.0,
+    log: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Add what happens to a file: who drives, stops, changed guards, overrides."
+        ),
+    ] = None,
     open_page: Annotated[bool, typer.Option("--open/--no-open", help="Open the page in a browser.")] = True,
 ) -> None:
     """Run a simulated machine in real time and open the page to see it and drive it by.
@@ -53,6 +60,7 @@ def cockpit_command(
     try:
         from workgauge.app.cockpit_processes import LOOK_S, Minder, Plan, port_taken
         from workgauge.cockpit.access import Access, loopback, new_token
+        from workgauge.cockpit.looks import read_mesh
     except ModuleNotFoundError as error:
         raise InputError(
             "the cockpit's parts are not installed", value=error.name, allowed="pip install 'workgauge[cockpit]'"
@@ -62,14 +70,21 @@ def cockpit_command(
     loaded = load_scenario(scenario).choosing(
         guard=guard, machine=machine, rules=rules, joints=None if joints is None else joints.value
     )
-    machine_id = open_session(loaded).machine_id
+    session = open_session(loaded)
+    for mesh in session.machine.meshes:
+        read_mesh(mesh)
     token = os.environ.get("WORKGAUGE_TOKEN") or (None if loopback(host) else new_token())
     special = os.environ.get("WORKGAUGE_SUPERVISOR_TOKEN") or (new_token() if supervisor else None)
     access = Access(host, port, token, special)
     if port_taken(host, port):
         raise InputError("something listens there already", element="--port", value=port, allowed="a free port")
     desk = DeskSettings(intent_age_s=intent_age_ms * 1e-3, round_trip_s=round_trip_ms * 1e-3)
-    plan = Plan.of(loaded, desk, access, machine_id)
+    if log is not None:
+        try:
+            log.open("a", encoding="utf-8").close()
+        except OSError as error:
+            raise InputError("cannot be written", file=log, value=error.strerror) from None
+    plan = Plan.of(loaded, desk, access, session.machine_id, log)
     minder = Minder(plan, lambda text: stderr().print(text))
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ended from outside as by Ctrl-C
     stdout().print("starting (half a minute the first time on a computer) …")

@@ -11,8 +11,10 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 from typing import Any
 
+from workgauge.app.event_log import EventLog
 from workgauge.cockpit.access import Access
 from workgauge.rehearse.scenario_file import LoadedScenario
 from workgauge.rehearse.station.desk import DeskSettings
@@ -40,6 +42,7 @@ class Plan:
 
     Attributes:
         loaded: the scenario. desk: of the driver's link. access: to the page. machine_id: whose.
+        log: a file events are added to, None for none.
         ports: process to the port it listens on for the others; `scene` is the view's own. All on loopback.
     """
 
@@ -48,11 +51,14 @@ class Plan:
     access: Access
     ports: Mapping[str, int]
     machine_id: str
+    log: Path | None = None
 
     @classmethod
-    def of(cls, loaded: LoadedScenario, desk: DeskSettings, access: Access, machine_id: str) -> "Plan":
+    def of(
+        cls, loaded: LoadedScenario, desk: DeskSettings, access: Access, machine_id: str, log: Path | None = None
+    ) -> "Plan":
         """Return a plan on ports that are free now."""
-        return cls(loaded, desk, access, {name: free_port() for name in (*_ORDER, "scene")}, machine_id)
+        return cls(loaded, desk, access, {name: free_port() for name in (*_ORDER, "scene")}, machine_id, log)
 
     def bus(self, name: str) -> dict[str, Any]:
         """Return where a process listens, and whom it connects to: those before it in the order they begin."""
@@ -101,13 +107,16 @@ def machine_process(plan: Plan, ready: Any) -> None:
     from workgauge.rehearse.station.station import Station
 
     prefer()
-    with _until_told() as going:
-        station = Station(plan.loaded, plan.desk, lambda text: print(text, file=sys.stderr, flush=True))
+    with _until_told() as going, contextlib.ExitStack() as files:
+        file = [] if plan.log is None else [files.enter_context(plan.log.open("a", encoding="utf-8"))]
+        log = EventLog([sys.stderr, *file])
+        station = Station(plan.loaded, plan.desk, log)
         mail = ZenohMail(**plan.bus("machine"))
         ready.set()
         prefer_tick()
         run_station(station, mail, Pace(station.session.tick_s), going)
         mail.close()
+        log.close()
 
 
 def page_process(plan: Plan, ready: Any) -> None:

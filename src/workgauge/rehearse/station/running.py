@@ -8,7 +8,7 @@ from workgauge.rehearse.station.previewing import Previewer
 from workgauge.rehearse.station.station import Station
 from workgauge.values.errors import WireError
 from workgauge.values.mail import Mail
-from workgauge.values.station import PreviewTask
+from workgauge.values.station import PreviewTask, Setup, Snapshot
 from workgauge.wire.station import decode_station, encode_station, topic
 
 #: Letters taken in per tick: what comes faster waits, and in the end is dropped.
@@ -25,6 +25,21 @@ class Pacing(Protocol):
     def wait(self) -> int:
         """Wait until the next period begins; return when it does [ns]."""
         ...
+
+
+def _tell(station: Station, mail: Mail, name: str, value: Snapshot | Setup | PreviewTask, number: int = 0) -> None:
+    """Publish what a station has to say; what cannot be written is an event, and the machine goes on without it.
+
+    Pages that see nothing new any more have their hands refused.
+    """
+    try:
+        frame = encode_station(value, number)
+    except WireError as error:
+        said, events = f"the {name} cannot be told: {error}", station.told.events
+        if not events or events[-1].text != said:
+            station.event(said)
+        return
+    mail.publish(topic(station.session.machine_id, name), frame)
 
 
 def run_station(station: Station, mail: Mail, pace: Pacing, going: Callable[[], bool]) -> None:
@@ -45,11 +60,11 @@ def run_station(station: Station, mail: Mail, pace: Pacing, going: Callable[[], 
                 *(now_ns, intents.read(INTENTS), requests.read(REQUESTS), previews.read(PREVIEWS)), late=pace.late
             )
             for task in station.tasks():
-                mail.publish(topic(name, "preview-task"), encode_station(task))
+                _tell(station, mail, "preview-task", task)
             if snapshot is not None:
-                mail.publish(topic(name, "snapshot"), encode_station(snapshot, snapshot.number))
+                _tell(station, mail, "snapshot", snapshot, snapshot.number)
             if told_ns is None or now_ns - told_ns >= SETUP_EVERY_S * 1e9:
-                mail.publish(topic(name, "setup"), encode_station(station.setup(now_ns)))
+                _tell(station, mail, "setup", station.setup(now_ns))
                 told_ns = now_ns
                 gc.collect(0)
     finally:
