@@ -45,7 +45,7 @@ test: $(VENV)/.test
 	$(VENV)/bin/ruff format --check src tests benchmarks examples
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
-	CI=$${CI:-true} $(PY) -m pytest -n $(JOBS) -rs -m "not prove and not stack"
+	CI=$${CI:-true} $(PY) -m pytest -n $(JOBS) --dist worksteal -rs -m "not prove and not stack"
 	CI=$${CI:-true} $(PY) -m pytest -n 0 -rs -m "not prove and stack" tests/cockpit
 
 prove: $(VENV)/.test
