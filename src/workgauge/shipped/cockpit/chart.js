@@ -68,9 +68,10 @@ export class Chart {
     }
     line(0, metres, (point) => point.near, style.getPropertyValue("--go"), 2);
     const from = half + 24;
-    frame(from, "joint speeds");
+    const speeds = "joint speeds, ±100 %";
+    frame(from, speeds);
     const share = (v) => (top + bottom) / 2 - v * (bottom - top - 2) / 2;
-    let at = from + 74;
+    let at = from + pen.measureText(speeds).width + 12;
     joints.forEach((joint, j) => {
       line(from, share, (point) => point.speeds[j], shades[j % shades.length], 1.6);
       pen.fillStyle = shades[j % shades.length];
