@@ -41,10 +41,12 @@ report: $(VENV)/.run
 	$(VENV)/bin/workgauge run --scenario pole-approach --report out/pole-approach
 
 test: $(VENV)/.test
-	$(VENV)/bin/ruff check src tests benchmarks examples
-	$(VENV)/bin/ruff format --check src tests benchmarks examples
-	$(VENV)/bin/mypy
-	$(VENV)/bin/lint-imports
+	$(PY) scripts/compile.py & compiling=$$!; \
+	$(VENV)/bin/ruff check src tests benchmarks examples && \
+	$(VENV)/bin/ruff format --check src tests benchmarks examples && \
+	$(VENV)/bin/mypy && \
+	$(VENV)/bin/lint-imports && \
+	wait $$compiling
 	CI=$${CI:-true} $(PY) -m pytest -n $(JOBS) --dist worksteal -rs -m "not prove and not stack"
 	CI=$${CI:-true} $(PY) -m pytest -n 0 -rs -m "not prove and stack" tests/cockpit
 
