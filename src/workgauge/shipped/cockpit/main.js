@@ -121,7 +121,7 @@ function draw() {
     panels.facts(now, setup, refused);
   }
   chart.draw(setup.joints, panels.keep(now));
-  $("step").textContent = now.step || "the shipped drive of this place";
+  $("step").textContent = now.step || "the drive of this place";
   $("pause").textContent = now.doing === "paused" ? "Go on" : "Pause";
   verdict();
 }
