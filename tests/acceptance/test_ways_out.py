@@ -416,7 +416,7 @@ def check(seeds: range, starting: Callable[[int], Start] = start) -> None:
 
 
 def test_out_of_one_or_two_limits_without_any_of_them_worsening() -> None:
-    check(range(20))
+    check(range(12))
 
 
 def test_what_flies_when_a_limit_is_switched_on_leads_no_deeper_than_it_must() -> None:
