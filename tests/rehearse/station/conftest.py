@@ -39,9 +39,12 @@ class Bench:
     def ask(self, kind: RequestKind, source: str = PAGE, **rest: object) -> str:
         """Put a request into the mail and return its id."""
         name = str(next(self.count))
-        frame = encode_station(Request(self.stamp(source), name, kind, **rest))  # type: ignore[arg-type]
-        self.waiting.append(Letter("request", self.now_ns, frame))
+        self.waiting.append(Letter("request", self.now_ns, self.frame(kind, source, name, **rest)))
         return name
+
+    def frame(self, kind: RequestKind, source: str = PAGE, name: str = "1", **rest: object) -> bytes:
+        """Return a request as it is sent."""
+        return encode_station(Request(self.stamp(source), name, kind, **rest))  # type: ignore[arg-type]
 
     def move(
         self, source: str = PAGE, *, enable: bool = True, mode: DriveMode = DriveMode.JOINT, **levers: float

@@ -107,10 +107,12 @@ def test_letting_go_stops_what_runs_and_a_goal_of_nonsense_is_refused(bench, pre
     assert refused(bench, "g1") == ""
     run(bench, 30)
     assert any(bench.valves)
-    bench.step(25)  # silence
+    bench.step(60)  # silence
     assert not any(bench.valves)
+    assert bench.station.goals.running == "", "Enable alone does not let it go on"
+    huge = (1e200, 1e200, 0.0, 0.0, -1e200, 1e200, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
     mirrored = tuple(-value for value in goal_at(bench, (0.0, 0.0, 0.0)))
-    for numbers in ((), (0.0,) * 12, (1.0, 0, 0, 1e6, 0, 1, 0, 0, 0, 0, 1, 0), mirrored):
+    for numbers in ((), (0.0,) * 12, (1.0, 0, 0, 1e6, 0, 1, 0, 0, 0, 0, 1, 0), mirrored, huge):
         asked = bench.ask(Ask.PREVIEW, text="g2", numbers=numbers)
         bench.move()
         bench.step()

@@ -1,11 +1,13 @@
 """The loop goes on whatever cannot be told, and tells what can."""
 
+import weakref
 from dataclasses import replace
 
 import pytest
 
 from workgauge.bus.memory_mail import MemoryMail, MemoryPost
 from workgauge.rehearse.station.running import run_station
+from workgauge.values.station import RequestKind
 from workgauge.wire.station import decode_station, topic
 
 
@@ -46,3 +48,23 @@ def test_what_cannot_be_written_is_said_once_and_the_machine_goes_on(
     assert not letters.pop(broken)
     assert all(decode_station(one.data, 0) for one in letters.popitem()[1])
     assert [event.text.startswith(f"the {broken} cannot be told") for event in station.told.events] == [True]
+
+
+def test_putting_it_back_leaves_nothing_of_the_machine_that_was(bench) -> None:
+    station, post = bench.station, MemoryPost()
+    machine_id, hand = station.session.machine_id, MemoryMail(post)
+    gone = []
+
+    class Restarts(Ticks):
+        def wait(self) -> int:
+            if self._left in (30, 20, 10):
+                gone.append(weakref.ref(station.session))
+                hand.publish(topic(machine_id, "request"), bench.frame(RequestKind.RESTART))
+            return super().wait()
+
+    ticks = Restarts(40, station.session.tick_s)
+    bench.ask(RequestKind.TAKE)
+    bench.step()
+    run_station(station, MemoryMail(post), ticks, ticks.going)
+    # the first one was there before the loop was: it is kept apart from what is collected
+    assert [one() is None for one in gone[1:]] == [True, True]

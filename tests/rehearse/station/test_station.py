@@ -95,6 +95,48 @@ def test_stop_stops_within_two_ticks_whoever_asks_and_stays(bench, who: str) -> 
     assert any(bench.valves)
 
 
+@pytest.mark.parametrize("again", [Ask.PLAY, Ask.RESTART])
+def test_a_stop_is_only_cleared_never_played_or_put_over(bench, again: Ask) -> None:
+    bench.seated()
+    bench.ask(Ask.STOP, OTHER)
+    bench.ask(again)  # on its way when the stop came
+    bench.drive(60)
+    assert bench.station.stopped == f"stopped by {OTHER}"
+    assert bench.station.player is None
+    assert not any(bench.valves)
+
+
+@pytest.mark.parametrize("paused", [False, True])
+@pytest.mark.parametrize("cause", ["stop", "handover"])
+def test_an_enable_that_was_never_let_go_does_not_open_again(bench, cause: str, paused: bool) -> None:
+    bench.seated()
+    if paused:
+        bench.ask(Ask.PAUSE)
+    bench.drive(5)
+    drives = PAGE
+    if cause == "stop":
+        bench.ask(Ask.STOP, OTHER)
+        bench.drive(5)
+        bench.ask(Ask.CLEAR)
+    else:
+        bench.ask(Ask.TAKE, OTHER)
+        bench.drive(5)
+        bench.ask(Ask.GIVE, text=OTHER)
+        bench.step()
+        drives = OTHER
+    bench.drive(5, drives)
+    if paused:
+        bench.ask(Ask.PAUSE, drives, on=False)
+    bench.drive(5, drives)
+    bench.drive(10, drives, left_x=0.8)
+    assert not bench.station.session.gate_open
+    assert not any(bench.valves)
+    bench.move(drives, enable=False)
+    bench.step()
+    bench.drive(3, drives)
+    assert bench.station.session.gate_open
+
+
 def test_silence_stops_the_machine_and_later_frees_the_seat(bench) -> None:
     bench.seated()
     bench.drive(30, left_x=0.8)

@@ -79,12 +79,7 @@ class Asking:
         return ""
 
     def _stop(self, request: Request, now_ns: int) -> str:
-        station = self._station
-        if not station.stopped:
-            station.stopped = f"stopped by {request.stamp.source}"
-            station.event(station.stopped)
-        station.stop_playing()
-        station.goals.cancel()
+        self._station.stop(request.stamp.source)
         return ""
 
     def _clear(self, request: Request, now_ns: int) -> str:
@@ -118,6 +113,8 @@ class Asking:
         return ""
 
     def _play(self, request: Request, now_ns: int) -> str:
+        if self._station.stopped:
+            return f"{self._station.stopped}: clear the stop first"
         self._station.play()
         self._station.event(f"scenario played by {request.stamp.source}")
         return ""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from workgauge.loop.inputs import intent_wrong
 from workgauge.values.errors import WireError
 from workgauge.values.mail import Letter
-from workgauge.values.measurements import Intent, Levers
+from workgauge.values.measurements import Intent
 from workgauge.values.station import Heard, Request, RequestKind
 from workgauge.wire.messages import decode
 from workgauge.wire.station import LONGEST_REQUEST, decode_station
@@ -191,17 +191,15 @@ class Desk:
         return self._sequence or 0
 
     def intent(self, now_ns: int, session_ns: int) -> Intent | None:
-        """Return the driver's newest intent on the session's clock, let go where the link is too slow; None without.
+        """Return the driver's newest intent on the session's clock; None without, and where the link is too slow.
 
         Args:
             now_ns: real. session_ns: the machine's own time now.
         """
-        if self._intent is None:
+        if self._intent is None or self.slow(now_ns):
             return None
         age_ns = max(now_ns - self._intent.stamp.monotonic_ns, 0)
         stamp = replace(self._intent.stamp, monotonic_ns=session_ns - age_ns)
-        if self.slow(now_ns):
-            return Intent(stamp, self._intent.mode, Levers(), False, self._intent.line)
         return replace(self._intent, stamp=stamp)
 
     def lost(self, letters: int) -> None:

@@ -87,7 +87,7 @@ class Goals:
             return "a goal is twelve numbers, the upper rows of a pose"
         T = pose_of(numbers)
         R = T[:3, :3]
-        if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0.0:
+        if not np.abs(R).max() < 2.0 or np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0.0:
             return "the goal's orientation is no rotation"
         if not np.linalg.norm(T[:3, 3] - self._session.true_state[1][:3, 3]) < FAR_M:
             return f"the goal is farther than {FAR_M:g} m"

@@ -43,12 +43,14 @@ def _tell(station: Station, mail: Mail, name: str, value: Snapshot | Setup | Pre
 
 
 def run_station(station: Station, mail: Mail, pace: Pacing, going: Callable[[], bool]) -> None:
-    """Step a machine until told to stop. Garbage is collected between ticks only, the old generation never."""
+    """Step a machine until told to stop. Garbage is collected between ticks only; the old
+    generation where the machine was put back to its start, else never."""
     name = station.session.machine_id
     intents = mail.inbox(topic(name, "intent"), INTENTS)
     requests = mail.inbox(topic(name, "request"), 2 * REQUESTS)
     previews = mail.inbox(topic(name, "preview-result"), PREVIEWS)
     told_ns: int | None = None
+    session = station.session
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -59,6 +61,9 @@ def run_station(station: Station, mail: Mail, pace: Pacing, going: Callable[[], 
             snapshot = station.step(
                 *(now_ns, intents.read(INTENTS), requests.read(REQUESTS), previews.read(PREVIEWS)), late=pace.late
             )
+            if station.session is not session:  # put back to the start: the old one goes now, or never
+                session = station.session
+                gc.collect()
             for task in station.tasks():
                 _tell(station, mail, "preview-task", task)
             if snapshot is not None:

@@ -63,6 +63,8 @@ class Station:
         self.settings = settings or DeskSettings()
         self.told = Told()
         self._number = 0
+        self.stopped = ""  #: by whom, until the driver clears it: neither a new start nor the scenario does
+        self._drove = ""
         self._open()
         self.desk = Desk(self.session.machine_id, self.settings)
         self._asking = Asking(self)
@@ -73,9 +75,8 @@ class Station:
         warm_up(self.session.config)
         self.names = telling.Names({limit.id: limit for limit in self.session.limit_set.limits})
         self.player: Player | None = None
-        self._played = False
+        self._anew = False
         self.paused = False
-        self.stopped = ""
         self.goals = Goals(self.session)
         self._coasting = Coasting(self.session)
         self.suspensions = Suspensions(may_suspend(self.session.limit_set.limits, self.session.rules))
@@ -123,9 +124,18 @@ class Station:
     def stop_playing(self) -> None:
         """Take the hands of the scenario away; whoever has the seat must let go and press Enable to go on."""
         if self.player is not None:
-            self.player, self._played = None, True
+            self.player, self._anew = None, True
             self.session.travel(0.0)
             self.event("scenario ends")
+
+    def stop(self, by: str) -> None:
+        """Let nothing move the machine until the stop is cleared, Enable let go and pressed again."""
+        if not self.stopped:
+            self.stopped = f"stopped by {by}"
+            self.event(self.stopped)
+        self._anew = True
+        self.stop_playing()
+        self.goals.cancel()
 
     @property
     def standing(self) -> bool:
@@ -173,8 +183,12 @@ class Station:
         session = self.session
         intent, job = self._wanted(now_ns)
         self._levers = Levers() if intent is None else intent.levers
+        held = session.gate_open
         done = session.step(intent, job)
         self._done = done
+        if held and not session.gate_open and self.goals.job is not None and self.player is None:
+            self.goals.cancel()
+            self.event("the goal is given up: Enable is off")
         self._coasting.step(done.trace.valves, session.true_state[0])
         self._times = [*self._times, done.tick_ms][-TIMES:]
         facts = done.trace.job
@@ -196,14 +210,12 @@ class Station:
             if played is not None:
                 return played
             self.stop_playing()
-        if self._played:
-            self._played = False
-            return None, None
+        anew, self._anew = self._anew or self.desk.driver != self._drove, False
+        self._drove = self.desk.driver
         intent = self.desk.intent(now_ns, round(session.t_s * 1e9))
-        if intent is None:
+        if intent is None or self.stopped or anew:
+            # nobody's hands, not hands let go: only their own letting go counts for the gate
             return None, None
-        if self.stopped:
-            return Intent(intent.stamp, intent.mode, Levers(), False, intent.line), None
         job = self.goals.job if intent.mode is DriveMode.AUTO else None
         if intent.mode is DriveMode.AUTO and job is None:
             # nothing to do: the hands stay on, the levers do nothing
