@@ -17,7 +17,17 @@ pytest.importorskip("viser", reason="the cockpit's extra is not installed")
 
 from workgauge.cockpit.looks import read_mesh
 from workgauge.cockpit.quaternions import quaternion, rotation_of
-from workgauge.cockpit.scene import DRAWN_M, REDRAWN_M, Boxes, Limits, Tracks, _near_faces
+from workgauge.cockpit.scene import (
+    DRAWN_M,
+    LINES,
+    LONGEST_LINE_M,
+    REDRAWN_M,
+    Boxes,
+    Clearances,
+    Limits,
+    Tracks,
+    _near_faces,
+)
 from workgauge.gauge.meshes import mesh_parts
 from workgauge.machine.load import machine_from
 from workgauge.machine.model import MachineModel
@@ -25,6 +35,7 @@ from workgauge.machine.parts import LinkMesh
 from workgauge.rehearse.session import Session
 from workgauge.rehearse.shipped import shipped_path
 from workgauge.values.errors import MachineError
+from workgauge.values.station import Near
 from workgauge.values.transforms import rotation, translation
 
 
@@ -110,6 +121,27 @@ def test_rails_lie_at_the_machines_gauge_and_follow_the_track(session: Session) 
     apart = np.linalg.norm(one[:, 0] - other[:, 0], axis=1)
     track = next(iter(session.site.alignments))
     assert apart == pytest.approx(track.cant_gauge_m or session.machine.undercarriage.gauge_m, abs=1e-3)
+
+
+nears = st.lists(st.tuples(st.sampled_from("abcdefg"), st.floats(0.0, 9.0)), max_size=7, unique_by=lambda one: one[0])
+
+
+@given(st.lists(nears, min_size=2, max_size=6))
+def test_every_near_limit_has_a_line_and_keeps_it_while_it_is_near(course: list[list[tuple[str, float]]]) -> None:
+    drawn = Drawn()
+    lines = Clearances(drawn)
+    before: dict[str, str] = {}
+    for moment in course:
+        ends = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+        near = [Near("boom", name, name, "zone", m, 0.0, None, *ends) for name, m in moment]
+        near.sort(key=lambda one: one.distance_m)
+        lines.update(near, 0.2)
+        labels = {name: node for name, node in drawn.nodes.items() if "metres" in name and node.visible}
+        now = {node.text.split()[-1]: name for name, node in labels.items()}
+        expected = [one for one in near if one.distance_m < LONGEST_LINE_M][:LINES]
+        assert {node.text for node in labels.values()} == {f"{one.distance_m:.2f} m {one.name}" for one in expected}
+        assert all(now[name] == before[name] for name in now.keys() & before.keys())
+        before = now
 
 
 def test_tracks_name_where_the_machine_is(session: Session) -> None:

@@ -172,6 +172,7 @@ class Clearances:
 
     def __init__(self, scene: Any) -> None:
         zero = np.zeros((1, 2, 3), dtype=np.float32)
+        self._limits = [""] * LINES  # whose each line is
         self._lines = [
             scene.add_line_segments(
                 f"/near/line {i}", zero, (0, 0, 0), thickness=4.0, thickness_units="screen", visible=False
@@ -191,13 +192,11 @@ class Clearances:
     def update(self, near: Sequence[Near], keep_m: float) -> None:
         """Draw the nearest; keep_m: what is kept where a limit names nothing itself [m]."""
         shown = [one for one in near if one.kind != "self" and one.distance_m < LONGEST_LINE_M][:LINES]
-        for i in range(LINES):
-            visible = i < len(shown)
-            self._lines[i].visible = self._labels[i].visible = visible
-            if not visible:
+        for i, one in enumerate(self._placed(shown)):
+            self._lines[i].visible = self._labels[i].visible = one is not None
+            if one is None:
                 self._halos[i].visible = False
                 continue
-            one = shown[i]
             a, b = np.array(one.point_machine), np.array(one.point_limit)
             left = one.distance_m - one.protection_m - (keep_m if one.stop_m is None else one.stop_m)
             self._lines[i].points = np.array([[a, b]], dtype=np.float32)
@@ -208,6 +207,17 @@ class Clearances:
             self._halos[i].visible = halo
             if halo:
                 self._halos[i].position, self._halos[i].scale = tuple(a), float(min(one.protection_m, 5.0))
+
+    def _placed(self, shown: Sequence[Near]) -> list[Near | None]:
+        """Return what each line shows. A limit keeps its line: a browser writes labels anew later than it moves them,
+        and one limit's name would stand beside another.
+        """
+        by_limit = {one.limit: one for one in shown}
+        stay = [by_limit.pop(name, None) for name in self._limits]
+        coming = iter(by_limit.values())
+        placed = [next(coming, None) if one is None else one for one in stay]
+        self._limits = ["" if one is None else one.limit for one in placed]
+        return placed
 
 
 class Tracks(Around):
