@@ -74,7 +74,7 @@ def pages(port: int, count: int, wish: Any, done: Any) -> None:
     async def drive(socket: Any, seen: list[int], sent: list[tuple[int, int]]) -> None:
         while not seen[0]:
             await asyncio.sleep(0.02)
-        await socket.send(json.dumps({"say": "ask", "id": "1", "kind": "take"}))
+        await socket.send(json.dumps({"say": "ask", "seen": 0, "id": "1", "kind": "take"}))
         for i, n in enumerate(numbers):
             hands = {"say": "hands", "n": n, "seen": seen[0], "mode": "joint", "levers": [n * STEP, 0, 0, 0, 0, 0]}
             sent.append((n, time.monotonic_ns()))

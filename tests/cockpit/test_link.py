@@ -50,10 +50,18 @@ def test_hands_become_an_intent_in_the_pages_own_name(bench, conf) -> None:
         assert (intent.mode, intent.levers.left_x, intent.enable) == (DriveMode.JOINT, 0.5, True)
 
 
-def test_requests_beats_and_cameras_pass(bench) -> None:
+def test_requests_beats_and_cameras_pass(bench, conf) -> None:
+    bench.tell(conf.a_snapshot(1), "snapshot")
     with bench.client.websocket_connect("/link", headers=OWN) as socket:
         socket.send_json(
-            {"say": "ask", "id": "1", "kind": "guard", "text": "linear", "settings": {"stop_distance_m": 0.3}}
+            {
+                "say": "ask",
+                "seen": 1,
+                "id": "1",
+                "kind": "guard",
+                "text": "linear",
+                "settings": {"stop_distance_m": 0.3},
+            }
         )
         socket.send_json({"say": "seen", "n": 7})
         socket.send_json({"say": "look", "view": "cab", "dark": True, "handle": False})
@@ -81,6 +89,31 @@ def test_hands_of_long_ago_do_not_pass(bench, conf) -> None:
         assert isinstance(intent, Intent)
 
 
+def test_what_was_asked_long_ago_is_not_done_but_a_stop_is(bench, conf) -> None:
+    now = [0]
+    bench.hub._clock = lambda: now[0]
+    bench.tell(conf.a_setup(), "setup")
+    bench.tell(conf.a_snapshot(1), "snapshot")
+    with bench.client.websocket_connect("/link", headers=OWN) as socket:
+        now[0] = 600_000_000
+        for kind in ("play", "clear", "run", "give", "stop", "leave", "take"):
+            socket.send_json({"say": "ask", "seen": 1, "id": kind, "kind": kind})
+        asked = wait_for(lambda: bench.got(bench.requests), 3)
+        assert [str(one.kind) for one in asked] == ["stop", "leave", "take"]
+        assert bench.hub.refused["late"] == 4
+
+
+def test_a_stop_passes_whatever_else_its_page_says(bench) -> None:
+    """Three seconds of hands that a network held up arrive at once, and the stop behind them."""
+    with bench.client.websocket_connect("/link", headers=OWN) as socket:
+        for _ in range(400):
+            socket.send_json(HANDS)
+        socket.send_json({"say": "ask", "seen": 1, "id": "9", "kind": "stop"})
+        (asked,) = wait_for(lambda: bench.got(bench.requests))
+        assert asked.kind is RequestKind.STOP
+        assert bench.hub.refused["flooding"] > 100
+
+
 WRONG = [
     "",
     "{}",
@@ -97,10 +130,11 @@ WRONG = [
     json.dumps(HANDS | {"n": -1}),
     json.dumps(HANDS).replace("0.5", "NaN"),
     json.dumps(HANDS).replace("0.5", "1e999"),
-    json.dumps({"say": "ask", "id": "1", "kind": "beat"}),
-    json.dumps({"say": "ask", "id": "1", "kind": "fly"}),
-    json.dumps({"say": "ask", "id": "", "kind": "stop"}),
-    json.dumps({"say": "ask", "id": "1", "kind": "preview", "numbers": [0] * 13}),
+    json.dumps({"say": "ask", "id": "1", "kind": "stop"}),
+    json.dumps({"say": "ask", "seen": 1, "id": "1", "kind": "beat"}),
+    json.dumps({"say": "ask", "seen": 1, "id": "1", "kind": "fly"}),
+    json.dumps({"say": "ask", "seen": 1, "id": "", "kind": "stop"}),
+    json.dumps({"say": "ask", "seen": 1, "id": "1", "kind": "preview", "numbers": [0] * 13}),
     json.dumps({"say": "look", "view": "../..", "dark": True, "handle": True}),
     json.dumps({"say": ["hands"]}),
 ]
@@ -132,7 +166,7 @@ def test_nonsense_shows_a_page_out_and_nobody_else(bench) -> None:
             with pytest.raises(WebSocketDisconnect):
                 while True:
                     socket.receive_text()
-        other.send_json({"say": "ask", "id": "1", "kind": "stop"})
+        other.send_json({"say": "ask", "seen": 1, "id": "1", "kind": "stop"})
         (asked,) = wait_for(lambda: bench.got(bench.requests))
         assert isinstance(asked, Request) and asked.kind is RequestKind.STOP
 

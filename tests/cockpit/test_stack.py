@@ -45,7 +45,8 @@ class Hand:
         wait_until(lambda: "snapshot" in self.told, what="a snapshot")
 
     def say(self, what: str, **rest: object) -> None:
-        self.socket.send(json.dumps({"say": what, **rest}))
+        seen = {"seen": self.seen} if what == "ask" else {}
+        self.socket.send(json.dumps({"say": what, **seen, **rest}))
 
     def _read(self) -> None:
         try:

@@ -100,7 +100,8 @@ class Hub:
     def _take(self, name: str, value: Snapshot | Setup | PreviewResult | Handle) -> None:
         if isinstance(value, Snapshot):
             self._seen_ns[value.number] = self._clock()
-            self._seen_ns.pop(value.number - REMEMBERED, None)
+            while len(self._seen_ns) > REMEMBERED:
+                del self._seen_ns[next(iter(self._seen_ns))]
         elif isinstance(value, Setup):
             self.setup = value
         self._tell(name, as_json(value).decode())

@@ -10,7 +10,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from workgauge.cockpit.access import Role
 from workgauge.cockpit.hub import Hub, Post
-from workgauge.cockpit.speech import LONGEST, Ask, Hands, Look, Seen, heard
+from workgauge.cockpit.speech import ANY_TIME, LONGEST, Ask, Hands, Look, Seen, heard, is_stop
 from workgauge.values.errors import WireError
 
 #: A page says no more than this per second; one that says ten times that much, or so much nonsense, is shown out.
@@ -52,9 +52,9 @@ class Link:
 
     async def run(self) -> None:
         """Speak with the page until it leaves."""
-        post = self._hub.join()
         you = {"say": "you", "is": {"source": self.source, "role": str(self._role)}}
         await self._socket.send_text(json.dumps(you))
+        post = self._hub.join()
         sending = asyncio.create_task(self._send(post))
         try:
             await self._receive()
@@ -76,6 +76,9 @@ class Link:
             except (WebSocketDisconnect, KeyError):  # gone, or bytes where text should be
                 return
             if not self._limit.room():
+                if is_stop(text):  # whatever else this page says too much of
+                    self._take(text)
+                    continue
                 self._hub.refused["flooding"] += 1
                 if self._limit.refused > 10 * PER_SECOND:
                     await self._socket.close(1008, "too much at once")
@@ -102,6 +105,8 @@ class Link:
                     self._hub.intent(said.intent(stamp), said.n)
             elif isinstance(said, Look):
                 self._hub.camera(said.camera(stamp, self.source))
+            elif isinstance(said, Ask) and said.kind not in ANY_TIME and self._hub.late(said.seen):
+                self._hub.refused["late"] += 1
             elif isinstance(said, Ask | Seen):
                 self._hub.request(said.request(stamp))
         except WireError:

@@ -37,10 +37,15 @@ class Hands(_Part):
         return Intent(stamp, DriveMode(self.mode), Levers(*self.levers), self.enable)
 
 
+#: Requests that move nothing: they count however late they come.
+ANY_TIME = frozenset({"stop", "take", "leave", "cancel"})
+
+
 class Ask(_Part):
-    """A request, as `values.station.Request`."""
+    """A request, as `values.station.Request`; `seen` is the newest snapshot the page had when it asked."""
 
     say: Literal["ask"]
+    seen: Count
     id: Annotated[str, Field(min_length=1, max_length=40)]
     kind: Literal[
         "take", "give", "leave", "stop", "clear", "state", "guard", "play", "pause", "restart", "preview", "run",
@@ -87,6 +92,15 @@ class Look(_Part):
 
 Said: TypeAlias = Hands | Ask | Seen | Look
 _KINDS: dict[str, type[Said]] = {"hands": Hands, "ask": Ask, "seen": Seen, "look": Look}
+
+
+def is_stop(text: str) -> bool:
+    """Return whether a page asks for a stop."""
+    try:
+        said = heard(text)
+    except WireError:
+        return False
+    return isinstance(said, Ask) and said.kind == "stop"
 
 
 def heard(text: str | bytes) -> Said:

@@ -27,6 +27,8 @@ LOOK_S, HANDLE_S = 0.02, 0.05
 HANDLE_SCALE = 2.2
 #: Views that go with the machine.
 _FOLLOWING = ("cab", "follow")
+#: The others go along with the undercarriage, each time it has gone so far [m].
+ALONG_M = 0.25
 
 
 class View:
@@ -52,6 +54,7 @@ class View:
         self._handle: Any = None
         self._told_s = 0.0
         self._lock = threading.Lock()
+        self._stood = self._scene.T_site_machine[:3, 3].copy()
         self._server.on_client_connect(self._connected)
 
     @property
@@ -85,10 +88,15 @@ class View:
         self._now = now
         with self._server.atomic():
             self._scene.update(now)
+        gone = self._scene.T_site_machine[:3, 3] - self._stood
+        if far := bool(np.linalg.norm(gone) > ALONG_M):
+            self._stood = self._stood + gone
         for client in self._server.get_clients().values():
             camera = self._cameras.get(self._page(client))
             if camera is not None and camera.view in _FOLLOWING:
                 self._aim(client, camera)
+            elif far:
+                self._go_along(client, gone)
 
     def _wants(self, camera: Camera) -> None:
         """Take in how a page wants to look."""
@@ -137,6 +145,15 @@ class View:
             client.camera.up_direction = tuple(up)
             client.camera.position = tuple(eye)
             client.camera.look_at = tuple(to)
+
+    @staticmethod
+    def _go_along(client: Any, gone: Floats) -> None:
+        """Move one client's camera as far as the undercarriage has gone, however it is turned."""
+        with client.atomic():
+            client.camera.position, client.camera.look_at = (
+                tuple(np.asarray(client.camera.position) + gone),
+                tuple(np.asarray(client.camera.look_at) + gone),
+            )
 
     def _show_handle(self, wanted: bool) -> None:
         """Show the drag handle at the tool, or take it away."""

@@ -12,7 +12,7 @@ from workgauge.values.station import PreviewTask, Setup, Snapshot
 from workgauge.wire.station import decode_station, encode_station, topic
 
 #: Letters taken in per tick: what comes faster waits, and in the end is dropped.
-INTENTS, REQUESTS, PREVIEWS = 64, 16, 4
+INTENTS, REQUESTS, PREVIEWS = 64, 64, 4
 #: The setup is told so often [ticks], for whoever comes later.
 SETUP_EVERY_S = 1.0
 
@@ -47,7 +47,7 @@ def run_station(station: Station, mail: Mail, pace: Pacing, going: Callable[[], 
     generation where the machine was put back to its start, else never."""
     name = station.session.machine_id
     intents = mail.inbox(topic(name, "intent"), INTENTS)
-    requests = mail.inbox(topic(name, "request"), 2 * REQUESTS)
+    requests = mail.inbox(topic(name, "request"), 8 * REQUESTS)
     previews = mail.inbox(topic(name, "preview-result"), PREVIEWS)
     told_ns: int | None = None
     session = station.session

@@ -13,7 +13,6 @@ export class Hands extends EventTarget {
     this.held = new Set();
     this.sticks = { left: { x: 0, y: 0, roller: 0 }, right: { x: 0, y: 0, roller: 0 } };
     this.listen(window);
-    window.addEventListener("blur", () => setTimeout(() => document.hasFocus() || this.letGo(), 0));
     document.addEventListener("visibilitychange", () => document.hidden && this.letGo());
     for (const side of ["left", "right"]) this.pad(side);
   }
@@ -22,6 +21,7 @@ export class Hands extends EventTarget {
   listen(where) {
     where.addEventListener("keydown", (event) => this.key(event, true), true);
     where.addEventListener("keyup", (event) => this.key(event, false), true);
+    where.addEventListener("blur", () => setTimeout(() => document.hasFocus() || this.letGo(), 0));
   }
 
   key(event, down) {
@@ -36,6 +36,7 @@ export class Hands extends EventTarget {
       event.preventDefault();
       return;
     }
+    if (!down && event.key === "Meta") this.held.clear(); // beside it, some systems tell of no key let go
     if (!(event.code in KEYS)) return;
     if (!down) this.held.delete(event.code);
     else if (!typing && !event.ctrlKey && !event.metaKey && !event.altKey) this.held.add(event.code);

@@ -4,6 +4,7 @@ export class Link extends EventTarget {
     super();
     this.you = { source: "", role: "operator" };
     this.count = 0;
+    this.seen = 0; // number of the newest snapshot
     this.open();
   }
 
@@ -13,7 +14,7 @@ export class Link extends EventTarget {
     this.socket.onmessage = (event) => {
       const { say, is } = JSON.parse(event.data);
       if (say === "you") this.you = is;
-      if (say === "snapshot") this.send({ say: "seen", n: is.number });
+      if (say === "snapshot") this.send({ say: "seen", n: this.seen = is.number });
       this.dispatchEvent(new CustomEvent(say, { detail: is }));
     };
     this.socket.onclose = () => {
@@ -33,7 +34,7 @@ export class Link extends EventTarget {
 
   ask(kind, rest = {}) {
     const id = String(++this.count);
-    this.send({ say: "ask", id, kind, ...rest });
+    this.send({ say: "ask", seen: this.seen, id, kind, ...rest });
     return id;
   }
 }

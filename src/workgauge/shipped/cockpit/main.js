@@ -9,6 +9,7 @@ const PERIOD_MS = 33; // of the hands
 const SETTLED_MS = 350; // a handle at rest for so long is looked at
 const SHOWN_MS = 120; // the gate wants to see the switch let go before it is pressed
 const NOTICE_MS = 8000; // what was refused is said for so long
+const SLOWLY_MS = 120; // tables are written anew so often
 const REFUSED_MS = 1500; // pressed for so long, and the gate does not open: let go again
 
 const link = new Link();
@@ -19,7 +20,7 @@ let pressed = false, pressedAt = 0, out = false; // the dead-man switch, since w
 let look = { view: "overview", dark: false, handle: false };
 let goal = null; // {id, pose, found}
 let refused = {}; // of what pages said, by cause
-let settling = 0;
+let settling = 0, slowly = 0;
 
 const say = (text) => new Promise((resolve) => {
   $("askText").textContent = text;
@@ -116,7 +117,8 @@ function draw() {
   panels.states(now);
   panels.suspended(now);
   panels.log(now);
-  if (now.number % 3 === 0) {
+  if (performance.now() - slowly > SLOWLY_MS) {
+    slowly = performance.now();
     panels.near(now);
     panels.facts(now, setup, refused);
   }
@@ -135,7 +137,7 @@ function verdict() {
   if (now.running) [text, kind] = [`on its way: ${found?.text ?? ""}`, "good"];
   else if (answer && !answer.done) [text, kind] = [answer.text, "bad"];
   else if (current) [text, kind] = [found.text + (found.ready && !pressed ? "; press Enable to run it" : ""), found.ready ? "good" : "bad"];
-  else if (goal?.id) text = "looking ahead …";
+  else if (goal?.id && !now.stopped) text = "looking ahead …";
   $("verdict").textContent = text;
   $("verdict").dataset.state = kind;
   $("run").disabled = !(mine && current && found.ready && now.enabled && pressed && !now.running);
@@ -148,6 +150,7 @@ setInterval(() => {
   const levers = hands.levers($("pattern").value);
   const moved = levers.some((one) => Math.abs(one) > 0.05);
   let mode = $("mode").value;
+  out &&= !$("out").hidden; // a button that has gone is not held
   if (out) [mode, levers[0], levers[1], levers[2], levers[3], levers[4], levers[5]] = ["exit", 0, 0, 0, 1, 0, 0];
   else if (now.running && moved) link.ask("cancel"); // the hand takes over
   else if (now.running) [mode, levers[3]] = ["auto", $("pace").valueAsNumber / 100];
