@@ -138,8 +138,9 @@ def contexts(stack, browser) -> Iterator[Callable[..., object]]:
     yield another
     for one in made:
         for page in one.pages:
-            if page.locator("#leave").is_visible():
-                page.click("#leave")
+            page.evaluate(
+                "{ const leave = document.getElementById('leave'); if (leave && !leave.hidden) leave.click(); }"
+            )
         one.close()
     stack.until(lambda now: not now.driver, "the seat is free")
 
