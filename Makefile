@@ -5,10 +5,11 @@ VENV := .venv
 PY := $(VENV)/bin/python
 JOBS ?= 2
 
-.PHONY: help run test prove bench setup lock clean
+.PHONY: help run report test prove bench setup lock clean
 
 help:
-	@echo "make run    set up, then drive the shipped scenario and write a report to out/"
+	@echo "make run    set up, then open the cockpit: a machine on the shipped site, in your browser"
+	@echo "make report set up, then drive the shipped scenario and write a report to out/"
 	@echo "make test   set up, then lint, types, import contracts and tests (the same examples every time)"
 	@echo "make prove  set up, then the long proofs, one table"
 	@echo "make bench  set up with the peers (Pink, mink, MuJoCo), then the benchmarks as JSON"
@@ -23,6 +24,7 @@ $(VENV)/.run: $(VENV)/.python requirements.lock pyproject.toml
 	touch $@
 
 $(VENV)/.test: $(VENV)/.run requirements-test.lock
+	bash scripts/ensure-browser.sh
 	$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: -r requirements-test.lock
 	touch $@
 
@@ -33,14 +35,20 @@ $(VENV)/.bench: $(VENV)/.test requirements-bench.lock
 setup: $(VENV)/.test
 
 run: $(VENV)/.run
+	$(VENV)/bin/workgauge cockpit
+
+report: $(VENV)/.run
 	$(VENV)/bin/workgauge run --scenario pole-approach --report out/pole-approach
 
 test: $(VENV)/.test
-	$(VENV)/bin/ruff check src tests benchmarks examples
-	$(VENV)/bin/ruff format --check src tests benchmarks examples
-	$(VENV)/bin/mypy
-	$(VENV)/bin/lint-imports
-	CI=$${CI:-true} $(PY) -m pytest -n $(JOBS) -m "not prove"
+	$(PY) scripts/compile.py & compiling=$$!; \
+	$(VENV)/bin/ruff check src tests benchmarks examples && \
+	$(VENV)/bin/ruff format --check src tests benchmarks examples && \
+	$(VENV)/bin/mypy && \
+	$(VENV)/bin/lint-imports && \
+	wait $$compiling
+	CI=$${CI:-true} $(PY) -m pytest -n $(JOBS) --dist worksteal -rs -m "not prove and not stack"
+	CI=$${CI:-true} $(PY) -m pytest -n 0 -rs -m "not prove and stack" tests/cockpit
 
 prove: $(VENV)/.test
 	$(PY) benchmarks/prove.py
@@ -64,12 +72,12 @@ bench: $(VENV)/.bench
 lock: $(VENV)/.python
 	$(PY) -m pip install --quiet --disable-pip-version-check uv
 	$(VENV)/bin/uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
-	    --python-version 3.11 --extra plan pyproject.toml scripts/build.in -o requirements.lock
+	    --python-version 3.11 --extra plan --extra cockpit pyproject.toml scripts/build.in -o requirements.lock
 	$(VENV)/bin/uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
-	    --python-version 3.11 --extra plan --extra test -c requirements.lock \
+	    --python-version 3.11 --extra plan --extra cockpit --extra test -c requirements.lock \
 	    pyproject.toml scripts/build.in -o requirements-test.lock
 	$(VENV)/bin/uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
-	    --python-version 3.11 --extra plan --extra test --extra bench --extra docs -c requirements-test.lock \
+	    --python-version 3.11 --extra plan --extra cockpit --extra test --extra bench --extra docs -c requirements-test.lock \
 	    pyproject.toml scripts/build.in -o requirements-bench.lock
 
 clean:

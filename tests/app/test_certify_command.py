@@ -73,6 +73,7 @@ def test_exactly_the_documented_object_and_exit_code_3(failed) -> None:  # type:
     assert "to be confirmed" in answer.err and "8 of 8 drives" in answer.err
 
 
+@pytest.mark.prove
 def test_two_processes_give_the_same_and_so_does_a_journal_cut_in_the_middle(cli, tmp_path) -> None:  # type: ignore[no-untyped-def]
     journal = tmp_path / "whole.jsonl"
     answer = afresh(*LINEAR, "--jobs", 1, "--journal", journal, "--json")

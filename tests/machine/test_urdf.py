@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from workgauge.machine.load import machine_from
 from workgauge.machine.model import MachineModel
-from workgauge.machine.urdf import urdf_chain
+from workgauge.machine.urdf import urdf_chain, urdf_meshes
 from workgauge.values.arrays import Floats
 from workgauge.values.errors import MachineError
 from workgauge.values.transforms import rotation_x, rotation_z, rpy, translation
@@ -192,6 +192,84 @@ def test_chains_with_any_axis_agree_with_pinocchio(
     np.testing.assert_allclose(T, data.oMf[model.getFrameId(f"l{len(parts)}")].homogeneous, atol=1e-9)
 
 
+def visual(name: str, xyz: str, angles: str, scale: str) -> str:
+    mesh = f'<geometry><mesh filename="{name}" scale="{scale}"/></geometry>'
+    return f'<visual><origin xyz="{xyz}" rpy="{angles}"/>{mesh}</visual>'
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(moving, min_size=1, max_size=6), st.lists(numbers, min_size=6, max_size=6), triples, triples)
+def test_visual_meshes_stand_where_pinocchio_has_them(
+    tmp_path_factory: pytest.TempPathFactory, parts: list[Any], positions: list[float], xyz: Any, angles: Any
+) -> None:
+    words = [" ".join(map(str, one)) for one in (xyz, angles)]
+    look = visual("meshes/any.stl", *words, "0.001 0.001 -0.001")
+    text, kinds = f'<link name="l0">{look}</link>', [kind for kind, *_ in parts]
+    if set(kinds) == {"fixed"}:
+        return
+    for i, (kind, place, turn, axis) in enumerate(parts):
+        direction = axis if np.linalg.norm(axis) > 1e-3 else (0.0, 1.0, 0.0)
+        keys = [" ".join(map(str, one)) for one in (place, turn, direction)]
+        inside = f'<origin xyz="{keys[0]}" rpy="{keys[1]}"/><axis xyz="{keys[2]}"/>'
+        inside += '<limit lower="-9" upper="9" velocity="1" effort="1"/>'
+        text += joint(f"j{i}", kind, f"l{i}", f"l{i + 1}", inside).replace(
+            f'<link name="l{i + 1}"/>', f'<link name="l{i + 1}">{look}</link>'
+        )
+    path = tmp_path_factory.mktemp("urdf") / "any.urdf"
+    path.write_text(f'<?xml version="1.0"?><robot name="any">{text}</robot>')
+    meshes = urdf_meshes(path, "l0", f"l{len(parts)}", np.eye(4))
+    assert len(meshes) == len(parts) + 1
+    chain = urdf_chain(path, "l0", f"l{len(parts)}", np.eye(4))
+    model = pin.buildModelFromXML(path.read_text())
+    data = model.createData()
+    q = np.array(positions[: model.nq])
+    pin.framesForwardKinematics(model, data, q)
+    links = [np.eye(4)]
+    for found, value in zip(chain, q, strict=True):
+        g = found.geometry
+        motion = np.eye(4)
+        motion[:3] = np.c_[np.eye(3), g.axis * value] if g.prismatic else np.c_[pin.exp3(g.axis * value), np.zeros(3)]
+        links.append(links[-1] @ g.T_parent_joint @ motion @ g.T_joint_link)
+    expected = translation(*xyz) @ rpy(*angles)
+    for k, mesh in enumerate(meshes):
+        theirs = data.oMf[model.getFrameId(f"l{k}")].homogeneous @ expected
+        np.testing.assert_allclose(links[mesh.link] @ mesh.T_link_mesh, theirs, atol=1e-8)
+        assert mesh.scale.tolist() == [0.001, 0.001, -0.001] and mesh.file == path.parent / "meshes/any.stl"
+
+
+def test_a_urdfs_meshes_are_found_by_package_and_left_out_where_they_are_not(tmp_path: Path) -> None:
+    arm = tmp_path / "arm_description" / "urdf"
+    arm.mkdir(parents=True)
+    (tmp_path / "arm_description" / "meshes").mkdir()
+    (tmp_path / "arm_description" / "meshes" / "boom.STL").write_bytes(b"later")
+    names = ("package://arm_description/meshes/boom.STL", "package://elsewhere/x.stl", "boom.dae")
+    looks = "".join(visual(name, "0 0 0", "0 0 0", "1 1 1") for name in names)
+    text = arm_as_urdf().replace('<link name="boom_link"/>', f'<link name="boom_link">{looks}</link>')
+    machine = machine_from(with_urdf(arm, text), folder=arm)
+    assert [(mesh.file.name, mesh.link) for mesh in machine.meshes] == [("boom.STL", 2)]
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"link": "arm"}, "unknown link"),
+        ({"file": "none.stl"}, "no such file"),
+        ({"file": "arm.step"}, "not a mesh that can be drawn"),
+        ({"scale": 0}, "above 0"),
+    ],
+)
+def test_a_mesh_that_cannot_be_drawn_is_refused(tmp_path: Path, changed: dict[str, Any], words: str) -> None:
+    (tmp_path / "arm.stl").write_bytes(b"later")
+    description = copy.deepcopy(ARM)
+    mesh = {"link": "boom", "file": "arm.stl", "position_m": [1, 0, 0]}
+    assert machine_from(description | {"meshes": [mesh]}, folder=tmp_path).meshes[0].link == 2
+    with pytest.raises(MachineError, match=words):
+        machine_from(description | {"meshes": [mesh | changed]}, folder=tmp_path)
+
+
+NAMELESS = "<visual><geometry><mesh/></geometry></visual>"
+FLAT = visual("a.stl", "0 0 0", "0 0 0", "1 0 1")
+
 SPOILED = {
     "not XML": (lambda text: text[:-9], "not XML"),
     "another root": (lambda text: text.replace("robot", "machine"), "no URDF"),
@@ -208,6 +286,14 @@ SPOILED = {
     "axis of two": (lambda text: text.replace('xyz="0 0 2"', 'xyz="0 1"'), "bad xyz"),
     "NaN": (lambda text: text.replace('xyz="0 0 2"', 'xyz="0 0 nan"'), "bad xyz"),
     "limit": (lambda text: text.replace('upper="1.8"', 'upper="far"'), "bad upper"),
+    "mesh of no file": (
+        lambda text: text.replace('<link name="tip"/>', f'<link name="tip">{NAMELESS}</link>'),
+        "without filename",
+    ),
+    "flat mesh": (
+        lambda text: text.replace('<link name="tip"/>', f'<link name="tip">{FLAT}</link>'),
+        "scaled to nothing",
+    ),
     "other kind": (lambda text: text.replace('"prismatic"', '"revolute"'), "has it otherwise"),
     "other names": (lambda text: text.replace('name="boom"', 'name="jib"'), "not the URDF's joints"),
 }  # fmt: skip

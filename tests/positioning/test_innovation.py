@@ -81,7 +81,7 @@ def gauss_markov(seed: int, epochs: int, tau_s: float, dt_s: float) -> np.ndarra
     return out
 
 
-@pytest.mark.parametrize("tau_s", [0.0, 60.0])
+@pytest.mark.parametrize("tau_s", [pytest.param(0.0, marks=pytest.mark.prove), 60.0])
 def test_no_false_alarm_in_a_hundred_thousand_honest_fixes(tau_s: float) -> None:
     """Each fix against the one before it, with the covariance of two independent ones; noise white and correlated.
 

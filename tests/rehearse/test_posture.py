@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from workgauge.machine.load import load_machine
+from workgauge.machine.model import Kinematics
 from workgauge.proximity.scene import Scene
 from workgauge.rehearse.posture import clearances, spread_evenly, start_posture
 from workgauge.values.arrays import Floats, frozen
+from workgauge.values.clearances import Clearances
 from workgauge.values.limits import Limit, LimitKind, Source
 from workgauge.values.solids import Box
 from workgauge.values.transforms import rotation_z, translation
@@ -51,6 +53,28 @@ def test_it_goes_with_the_machine() -> None:
     moved = Limit("point:P", LimitKind.POINT, "P", Box(T @ box.T_frame_box, box.half_extents), "", Source("t", "P"))
     there = start_posture(Scene(MACHINE, [moved]), T, T[:3, :3] @ aim + T[:3, 3])
     assert there == pytest.approx(start_posture(scene, np.eye(4), aim), abs=1e-9)
+
+
+class Counting:
+    """A scene that remembers what was asked of it."""
+
+    machine = MACHINE
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self.asked: list[bytes] = []
+
+    def query(self, kin: Kinematics, T_site_machine: Floats, radius_m: float, /) -> Clearances:
+        self.asked.append(kin.T_machine_links.tobytes())
+        return self._scene.query(kin, T_site_machine, radius_m)
+
+
+@pytest.mark.parametrize("away", [2.5, 5.0])
+def test_no_posture_is_looked_at_twice(away: float) -> None:
+    scene, aim = pole(away, 0.5)
+    counting = Counting(scene)
+    assert (start_posture(counting, np.eye(4), aim) == start_posture(scene, np.eye(4), aim)).all()
+    assert 1 < len(counting.asked) == len(set(counting.asked))
 
 
 def test_points_fill_the_cube_evenly() -> None:

@@ -10,6 +10,7 @@ import typer
 from workgauge import __version__
 from workgauge.app.certify_command import certify_command
 from workgauge.app.check_command import check_command
+from workgauge.app.cockpit_command import cockpit_command
 from workgauge.app.identify_command import identify_command
 from workgauge.app.limits_command import limits_command
 from workgauge.app.measure_up_command import measure_up_command
@@ -74,6 +75,7 @@ app.command("limits")(limits_command)
 app.command("pose")(pose_command)
 app.command("path")(path_command)
 app.command("run", cls=SeveralFiles)(run_command)
+app.command("cockpit")(cockpit_command)
 app.command("check", cls=SeveralFiles)(check_command)
 app.command("measure-up")(measure_up_command)
 app.command("identify")(identify_command)

@@ -279,6 +279,13 @@ class OwnTrackBlock(Sourced):
     hysteresis_m: Length = 0.3
 
 
+class MaySuspend(Block):
+    """Limits that a supervisor may suspend: those that a rule, or a zone of that name, made."""
+
+    rule: Annotated[str, Field(min_length=1)]
+    at_most_min: Annotated[float, Field(gt=0, le=120)]
+
+
 class RuleBook(Sourced):
     """A whole rule book; rules are tried in order and the first that matches a feature has it."""
 
@@ -294,6 +301,9 @@ class RuleBook(Sourced):
     accuracy_m: Annotated[float, Field(strict=True, ge=0.001, le=0.05)] = 0.015
     rules: tuple[Rule, ...] = ()
     zones: tuple[Annotated[BoxZone | PrismZone, Field(discriminator="make")], ...] = ()
+    may_suspend: tuple[MaySuspend, ...] = Field(
+        default=(), description="limits a supervisor may suspend for some minutes; none unless named here"
+    )
 
     @model_validator(mode="after")
     def _names_known(self) -> Self:
@@ -315,4 +325,8 @@ class RuleBook(Sourced):
                     raise ValueError(
                         f"rule {rule.name!r} names voltage {block.voltage!r}; allowed: {sorted(self.voltages)}"
                     )
+        makers = seen | {zone.name for zone in self.zones}
+        for one in self.may_suspend:
+            if one.rule not in makers:
+                raise ValueError(f"may_suspend names {one.rule!r}, no rule or zone; allowed: {sorted(makers)}")
         return self

@@ -16,6 +16,7 @@ from workgauge.machine.description import (
     BoxSpec,
     Joint,
     MachineDescription,
+    MeshSpec,
     Pose,
     RevoluteJoint,
 )
@@ -23,11 +24,14 @@ from workgauge.machine.faults import DescriptionError, Place
 from workgauge.machine.located import check_positioning
 from workgauge.machine.model import MachineModel
 from workgauge.machine.pairs import find_self_pairs
-from workgauge.machine.parts import JointGeometry, LinkSolid, Pump, Sensor, Stopping, Stretch, Undercarriage
-from workgauge.machine.urdf import UrdfJoint, urdf_chain
+from workgauge.machine.parts import JointGeometry, LinkMesh, LinkSolid, Pump, Sensor, Stopping, Stretch, Undercarriage
+from workgauge.machine.urdf import UrdfJoint, urdf_chain, urdf_meshes
 from workgauge.values.arrays import freeze, frozen
 
 _LITRES_PER_MINUTE = 1e-3 / 60.0
+
+#: Ends of the names of mesh files that can be drawn.
+MESH_FILES = (".stl", ".obj", ".ply", ".glb", ".off")
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -81,6 +85,7 @@ def build(name: str, description: MachineDescription, folder: Path, attachment: 
         pump=_pump(description),
         cylinders=tuple(_cylinder(i, joint, ranges[i]) for i, joint in enumerate(description.joints)),
         solids=solids,
+        meshes=_meshes(description, mounted, links, folder),
         undercarriage=Undercarriage(
             description.undercarriage.kind, description.undercarriage.gauge_m, description.undercarriage.height_m
         ),
@@ -245,6 +250,34 @@ def _solid(box: BoxSpec, link: int, place: Place, description: MachineDescriptio
             )
         stretch = Stretch(joint, axis, 1 if box.stretch.side == "positive" else -1)
     return LinkSolid(link, box.name, pose_matrix(box.centre_m, box.rpy_deg), half_extents, stretch)
+
+
+def _meshes(
+    description: MachineDescription, mounted: AttachmentSpec, links: tuple[str, ...], folder: Path
+) -> tuple[LinkMesh, ...]:
+    """Return how links look: meshes of the description, and those of the URDF that are there and can be drawn."""
+    found: list[LinkMesh] = []
+    for i, spec in enumerate(description.meshes):
+        place: Place = ("meshes", i)
+        found.append(_mesh(spec, _index(links, spec.link, (*place, "link"), "unknown link"), place, folder))
+    at = description.attachments.index(mounted)
+    for j, worn in enumerate(mounted.meshes):
+        found.append(_mesh(worn, len(links) - 1, ("attachments", at, "meshes", j), folder))
+    if description.urdf is not None:
+        urdf = description.urdf
+        base = matrix_of(description.base)
+        seen = urdf_meshes(folder / urdf.file, urdf.base_link, urdf.tip_link, base)
+        found.extend(one for one in seen if one.file.suffix.lower() in MESH_FILES and one.file.is_file())
+    return tuple(found)
+
+
+def _mesh(spec: MeshSpec, link: int, place: Place, folder: Path) -> LinkMesh:
+    file = folder / spec.file
+    if file.suffix.lower() not in MESH_FILES:
+        raise DescriptionError((*place, "file"), "not a mesh that can be drawn", spec.file, ", ".join(MESH_FILES))
+    if not file.is_file():
+        raise DescriptionError((*place, "file"), "no such file", spec.file, f"a path relative to {folder}")
+    return LinkMesh(link, file, pose_matrix(spec.position_m, spec.rpy_deg), frozen([spec.scale] * 3))
 
 
 def _sensors(description: MachineDescription, links: tuple[str, ...]) -> tuple[Sensor, ...]:

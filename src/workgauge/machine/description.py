@@ -164,6 +164,21 @@ class LinkBoxSpec(BoxSpec):
     link: Name
 
 
+class MeshSpec(Sourced):
+    """A file that shows how something looks; nothing is measured to it."""
+
+    file: str = Field(description="STL, OBJ, PLY, GLB or OFF; path, relative to this description")
+    position_m: Position = (0.0, 0.0, 0.0)
+    rpy_deg: Angles = (0.0, 0.0, 0.0)
+    scale: Positive = Field(default=1.0, description="0.001 for a file in millimetres")
+
+
+class LinkMeshSpec(MeshSpec):
+    """A mesh and the link it moves with."""
+
+    link: Name
+
+
 class AttachmentSpec(Sourced):
     """Something the last link carries: its tool frame and boxes in that link's frame."""
 
@@ -174,6 +189,7 @@ class AttachmentSpec(Sourced):
         "an attachment without one is not measured up and cannot be mounted",
     )
     boxes: tuple[BoxSpec, ...] = ()
+    meshes: tuple[MeshSpec, ...] = ()
     mass_kg: Positive | None = None
     tolerance_m: NotNegative | None = Field(
         default=None,
@@ -208,6 +224,9 @@ class MachineDescription(Sourced):
     urdf: UrdfChain | None = None
     joints: tuple[Joint, ...] = Field(min_length=1, max_length=12)
     solids: tuple[LinkBoxSpec, ...] = Field(min_length=1)
+    meshes: tuple[LinkMeshSpec, ...] = Field(
+        default=(), description="how links look, in place of their boxes; with a URDF, beside its own visuals"
+    )
     attachments: tuple[AttachmentSpec, ...] = Field(min_length=1, description="the first is mounted by default")
     sensors: tuple[SensorSpec, ...] = ()
     exclusive_groups: tuple[tuple[str, ...], ...] = Field(

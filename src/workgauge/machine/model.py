@@ -9,7 +9,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from workgauge.machine.cylinder import Cylinder
 from workgauge.machine.frames import distance_rows, link_frames
-from workgauge.machine.parts import JointGeometry, LinkSolid, Pump, Sensor, SkippedPair, Stopping, Undercarriage
+from workgauge.machine.parts import (
+    JointGeometry,
+    LinkMesh,
+    LinkSolid,
+    Pump,
+    Sensor,
+    SkippedPair,
+    Stopping,
+    Undercarriage,
+)
 from workgauge.machine.positioning import PositioningSpec
 from workgauge.values.arrays import Floats, Ints, freeze, frozen, frozen_ints
 from workgauge.values.clearances import Clearances
@@ -52,6 +61,7 @@ class MachineModel:
         stopping_positive, stopping_negative: (n) how each joint comes to rest.
         pump: shared flow, or None. cylinders: (n) what turns each joint, where the file says so, else None.
         solids: the boxes, in a fixed order. self_pairs: pairs of solid indices to be kept apart.
+        meshes: how links look, where the file says so.
         skipped_pairs: pairs of solids on different links that are not checked, with the reason.
         undercarriage, sensors: see there.
         T_link_tool: (4, 4), tool frame in the last link's frame. tool_tolerance_m: 1-sigma of its position.
@@ -91,6 +101,7 @@ class MachineModel:
     positioning: PositioningSpec | None = None
     cylinders: tuple[Cylinder | None, ...] = ()
     self_stop_distance_m: float | None = None
+    meshes: tuple[LinkMesh, ...] = ()
 
     _packed: tuple[Floats, Floats, Ints, Floats] = field(init=False, repr=False)
     _moves: Floats = field(init=False, repr=False)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 from workgauge.values.arrays import Floats
@@ -55,6 +56,21 @@ class LinkSolid:
     T_link_box: Floats
     half_extents: Floats
     stretch: Stretch | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkMesh:
+    """How a link looks; its boxes alone are measured.
+
+    Attributes:
+        link: index of the link it moves with, 0 for the undercarriage. file: of the mesh, in metres once scaled.
+        T_link_mesh: (4, 4), the file's frame in the link's frame. scale: (3,) along the file's axes, before that.
+    """
+
+    link: int
+    file: Path
+    T_link_mesh: Floats
+    scale: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from workgauge.machine.parts import JointGeometry
+from workgauge.machine.parts import JointGeometry, LinkMesh
 from workgauge.values.arrays import Floats, frozen
 from workgauge.values.errors import MachineError
 from workgauge.values.transforms import rpy, translation
@@ -66,6 +66,63 @@ def urdf_chain(path: Path, base_link: str, tip_link: str, T_machine_base: Floats
     Raises:
         MachineError: as `read_urdf`; if a link is missing, the two are not connected, or a joint is of another kind.
     """
+    return _fold(path, _elements(path, base_link, tip_link)[1], T_machine_base)
+
+
+def urdf_meshes(path: Path, base_link: str, tip_link: str, T_machine_base: Floats) -> tuple[LinkMesh, ...]:
+    """Return the visual meshes of the links of `urdf_chain`, those of fixed links with the moving link they hang on.
+
+    `package://` is looked for beside the file and in the folders above it; whether a file is there is not checked.
+
+    Raises:
+        MachineError: as `urdf_chain`; for a mesh without file name, or a scale that is none.
+    """
+    root, elements = _elements(path, base_link, tip_link)
+    by_name = {str(link.get("name")): link for link in root.findall("link")}
+    hung = [(0, T_machine_base, base_link)]  # each link on the way: the moving link it goes with, and where on it
+    link, T = 0, T_machine_base
+    for element in elements:
+        T = T @ _origin(path, element)
+        if element.get("type") in _MOVING:
+            link, T = link + 1, np.eye(4)
+        hung.append((link, T, _attribute(path, element, "child", "link")))
+    T_tip_last = np.linalg.inv(hung[-1][1])  # the last link's frame is the tip's
+    return tuple(
+        mesh
+        for at, T_link, name in hung
+        for mesh in _visuals(path, by_name[name], at, T_tip_last @ T_link if at == link else T_link)
+    )
+
+
+def _visuals(path: Path, link: etree._Element, at: int, T_link: Floats) -> list[LinkMesh]:
+    """Return the meshes of one URDF link that stands at `T_link` (4, 4) in link `at` of the machine."""
+    found = []
+    for visual in link.findall("visual"):
+        mesh = visual.find("geometry/mesh")
+        if mesh is None:
+            continue
+        name = mesh.get("filename")
+        if not name:
+            raise MachineError("mesh without filename", file=path, line=_line(mesh), value=link.get("name"))
+        scale = _triple(path, mesh, "scale") if mesh.get("scale") else np.ones(3)
+        if not scale.all():
+            raise MachineError("mesh scaled to nothing", file=path, line=_line(mesh), value=mesh.get("scale"))
+        found.append(LinkMesh(at, _mesh_file(path, name), frozen(T_link @ _origin(path, visual)), frozen(scale)))
+    return found
+
+
+def _mesh_file(path: Path, name: str) -> Path:
+    """Return where a mesh of a URDF lies."""
+    if not name.startswith("package://"):
+        return path.parent / name.removeprefix("file://")
+    inside = name.removeprefix("package://")
+    folders = path.resolve().parents
+    places = [folder / inside for folder in folders] + [folder / inside.partition("/")[2] for folder in folders]
+    return next((place for place in places if place.is_file()), path.parent / inside)
+
+
+def _elements(path: Path, base_link: str, tip_link: str) -> tuple[etree._Element, list[etree._Element]]:
+    """Return the URDF's root and the joints from one link to the other, the first first."""
     root = read_urdf(path)
     links = [str(link.get("name")) for link in root.findall("link")]
     for name in (base_link, tip_link):
@@ -86,7 +143,7 @@ def urdf_chain(path: Path, base_link: str, tip_link: str, T_machine_base: Floats
             )
         elements.append(by_child[link])
         link = _attribute(path, by_child[link], "parent", "link")
-    return _fold(path, elements[::-1], T_machine_base)
+    return root, elements[::-1]
 
 
 def _fold(path: Path, elements: list[etree._Element], T_before: Floats) -> tuple[UrdfJoint, ...]:
@@ -151,8 +208,8 @@ def _line(element: etree._Element) -> int | None:
     return line if isinstance(line, int) else None
 
 
-def _origin(path: Path, joint: etree._Element) -> Floats:
-    origin = joint.find("origin")
+def _origin(path: Path, element: etree._Element) -> Floats:
+    origin = element.find("origin")
     if origin is None:
         return np.eye(4)
     position = _triple(path, origin, "xyz") if origin.get("xyz") else np.zeros(3)

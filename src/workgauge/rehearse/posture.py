@@ -86,41 +86,58 @@ def start_posture(scene: Asked, T_site_machine: Floats, target: Floats | None) -
     Returns:
         joint positions (n,); where nothing is clear enough, the clearest of those tried.
     """
-    machine = scene.machine
+    machine, looked = scene.machine, _Looked(scene, T_site_machine)
     home = np.array(machine.home)
     bearing = _bearing(machine, T_site_machine, target)
     arms = _arms(machine)
     for clear in CLEAR_M:
         for arm in arms:
             facing = _turned(machine, arm, bearing)
-            if not _reaches(machine, facing, target, T_site_machine) or not _clear(
-                scene, facing, T_site_machine, clear
-            ):
+            if not _reaches(machine, facing, target, T_site_machine) or not looked.clear(facing, clear):
                 continue
             for swing in (home[0], *(bearing + turned for turned in TURNED), bearing):
                 way = [_turned(machine, arm, s) for s in np.linspace(swing, bearing, 1 + ON_THE_WAY)]
-                if all(_clear(scene, q, T_site_machine, min(clear, WAY_CLEAR_M)) for q in way[:-1]):
+                if all(looked.clear(q, min(clear, WAY_CLEAR_M)) for q in way[:-1]):
                     return frozen(way[0])
-    return _clearest(scene, T_site_machine, arms, [home[0], *(bearing + turned for turned in TURNED_AWAY)])
+    return _clearest(looked, machine, arms, [home[0], *(bearing + turned for turned in TURNED_AWAY)])
 
 
-def _clearest(scene: Asked, T_site_machine: Floats, arms: Floats, swings: list[float]) -> Floats:
+class _Looked:
+    """Clearances of postures at one place, each looked at once however often it is asked for.
+
+    Args:
+        scene: the machine and its limits. T_site_machine: where it stands.
+    """
+
+    def __init__(self, scene: Asked, T_site_machine: Floats) -> None:
+        self._scene, self._T = scene, T_site_machine
+        self._known: dict[bytes, tuple[float, float]] = {}
+
+    def at(self, q: Floats) -> tuple[float, float]:
+        """Return the smallest clearance to a limit and between own links at a posture (n,), 1.5 m at most [m]."""
+        key = q.tobytes()
+        if key not in self._known:
+            self._known[key] = clearances(self._scene, q, self._T, 1.5)
+        return self._known[key]
+
+    def clear(self, q: Floats, clear: float) -> bool:
+        """Return whether a posture is that clear of every limit, and of the machine itself as far as it need be."""
+        limit, own = self.at(q)
+        return limit >= clear and own >= min(clear, WAY_CLEAR_M)
+
+
+def _clearest(looked: _Looked, machine: MachineModel, arms: Floats, swings: list[float]) -> Floats:
     """Return the first posture that is clear where it stands, whatever lies on its way, or the clearest of all."""
     best, least = arms[0], -math.inf
     for arm in arms:
         for swing in swings:
-            q = _turned(scene.machine, arm, swing)
-            left = min(clearances(scene, q, T_site_machine, 1.5))
+            q = _turned(machine, arm, swing)
+            left = min(looked.at(q))
             if left > least:
                 best, least = q, left
             if left >= WAY_CLEAR_M:
                 return frozen(q)
     return frozen(best)
-
-
-def _clear(scene: Asked, q: Floats, T_site_machine: Floats, clear: float) -> bool:
-    limit, own = clearances(scene, q, T_site_machine, 1.5)
-    return limit >= clear and own >= min(clear, WAY_CLEAR_M)
 
 
 def _arms(machine: MachineModel) -> Floats:

@@ -30,6 +30,7 @@ from workgauge.rehearse.scenario import (
 )
 from workgauge.rehearse.scenario_file import LoadedScenario
 from workgauge.rehearse.session import Session
+from workgauge.rehearse.setting import INTENT_AGE_S
 from workgauge.rehearse.step_result import StepResult
 from workgauge.rehearse.targets import Targets, solid_points
 from workgauge.rehearse.travelling import Driver
@@ -92,12 +93,17 @@ def drive_at_anything(steps: Sequence[Step]) -> tuple[Step, ...]:
 
 
 def open_session(
-    loaded: LoadedScenario, *, guard: Guard | None = None, machine: MachineModel | None = None
+    loaded: LoadedScenario,
+    *,
+    guard: Guard | None = None,
+    machine: MachineModel | None = None,
+    intent_age_s: float = INTENT_AGE_S,
 ) -> Session:
     """Return the session a scenario describes.
 
     Args:
         loaded: the scenario. guard, machine: ready-made, in place of the scenario's own.
+        intent_age_s: oldest intent to move on [s].
 
     Raises:
         InputError: if anything in it cannot be used.
@@ -122,6 +128,7 @@ def open_session(
             sensors=scenario.sensors,
             faults=scenario.faults,
             start_utc=scenario.start_utc,
+            intent_age_s=intent_age_s,
         )
 
 

@@ -3,6 +3,7 @@
 import copy
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -27,7 +28,7 @@ from workgauge.rehearse.result import Snapshot
 from workgauge.rehearse.scenario import OnGround, OnTrack
 from workgauge.rehearse.senses import Senses, senses
 from workgauge.rehearse.sensing import FaultChoice, Sensors
-from workgauge.rehearse.setting import SHIPPED_SITE, setting_of
+from workgauge.rehearse.setting import INTENT_AGE_S, SHIPPED_SITE, Setting, setting_of
 from workgauge.rehearse.step_result import Observer, StepResult
 from workgauge.rehearse.true_machine import TrueMachine
 from workgauge.rehearse.truth import GeometricTruth
@@ -35,6 +36,7 @@ from workgauge.rehearse.undercarriage import Undercarriage
 from workgauge.sim.sensors.kit import START_UTC
 from workgauge.site.model import SiteModel
 from workgauge.values.arrays import Floats
+from workgauge.values.errors import ScenarioError
 from workgauge.values.limits import Limit
 from workgauge.values.measurements import DriveMode, Intent, Levers, Stamp, ToolLine
 from workgauge.wire.stream import Tally
@@ -61,6 +63,7 @@ class Session:
         source: sends the bytes of receivers and sensors in their place (a log, a serial port).
         start_utc: UTC at the start of the simulated time.
         follow: how automatic motion does its jobs; left out, as fits the joints.
+        intent_age_s: oldest intent to move on [s].
 
     Raises:
         InputError: for anything handed in that cannot be used; `ScenarioError` if the machine would start inside a
@@ -87,8 +90,9 @@ class Session:
         source: Source | None = None,
         start_utc: datetime = START_UTC,
         follow: FollowSettings | None = None,
+        intent_age_s: float = INTENT_AGE_S,
     ) -> None:
-        self.setting = about = setting_of(
+        about = setting_of(
             *(site, machine, rules, guard, at),
             attachment=attachment,
             guard_parameters=guard_parameters,
@@ -98,19 +102,36 @@ class Session:
             joints=joints,
             start_utc=start_utc,
         )
-        self.site, self.machine, self.rules, self.guard = about.site, about.machine, about.rules, about.guard
+        self.site, self.machine, self.rules = about.site, about.machine, about.rules
         self.tick_s, self.brakes, self.moving, self.start_utc = tick_s, about.brakes, about.moving, start_utc
         self.stand, self.frame, self.limit_set, self.states = about.stand, about.frame, about.limit_set, about.states
         self.machine_id = about.machine_id
         self.off_states: frozenset[str] = frozenset()
         self.checked = False  #: whether a valid start-of-shift check was seen, see `navigation.armed`
-        self._config = about.tick_config(follow, 0.0 if sensors == "perfect" and source is None else None)
-        self._memory = first_memory(self._config)
+        self._follow, self._intent_age_s = follow, intent_age_s
+        self._tool_sigma_m = 0.0 if sensors == "perfect" and source is None else None
+        self._guarded_by(about)
         self._observers: list[Observer] = []
         self._now_ns, self._tick_ns = 0, round(tick_s * 1e9)
         self.senses: Senses = senses(about, sensors, faults, source)
-        self._belief, self._undercarriage = Belief(about, self.senses), Undercarriage(about)
+        self._belief = Belief(about, self.senses)
         self._true = TrueMachine(about, about.posture(posture), self.senses.source)
+
+    def _guarded_by(self, about: Setting) -> None:
+        """Set up the tick and the undercarriage for a setting's guard, nothing remembered: the gate is closed."""
+        self.setting, self.guard = about, about.guard
+        self._config = about.tick_config(self._follow, self._tool_sigma_m, self._intent_age_s)
+        self._memory, self._undercarriage = first_memory(self._config), Undercarriage(about)
+
+    def choose_guard(self, guard: Guard) -> None:
+        """Let another guard work from the next step on; the enable switch must be let go and pressed again.
+
+        Raises:
+            ScenarioError: if a valve is open or the undercarriage moves.
+        """
+        if any(self._memory.valves) or self.true_travel[0]:
+            raise ScenarioError("the guard is chosen while the machine stands still", element="guard")
+        self._guarded_by(replace(self.setting, guard=guard))
 
     @property
     def config(self) -> TickConfig:
@@ -126,7 +147,7 @@ class Session:
         """Return what stands around the machine now, as planning looks at it."""
         return Surroundings(
             *(self.setting.scene, self.true_state[1], getattr(self.guard, "stop_distance_m", 0.0), self._now_ns),
-            *(self.off_states, self._belief.tracks.let_off),
+            *(self.off_states, self.let_off),
         )
 
     def preview(
@@ -148,13 +169,23 @@ class Session:
         return preview(
             *(self._config, self.setting.scene, begin.q, T, jobs, begin.joints),
             off_states=self.off_states,
-            let_off=self._belief.tracks.let_off,
+            let_off=self.let_off,
             now_ns=begin.now_ns,
             pace=pace,
             at_most_s=at_most_s,
             memory=begin.memory,
             progress=progress,
         )
+
+    @property
+    def gate_open(self) -> bool:
+        """Whether the gate let the last command pass."""
+        return self._memory.gate.open
+
+    @property
+    def let_off(self) -> frozenset[str]:
+        """Tracks whose envelopes are no limit for the machine now."""
+        return self._belief.tracks.let_off
 
     @property
     def scene(self) -> Scene:
@@ -183,7 +214,7 @@ class Session:
     @property
     def limits(self) -> tuple[Limit, ...]:
         """The limits of the site, without the envelopes of tracks the machine is let off now."""
-        return self.setting.limits(self._belief.tracks.let_off)
+        return self.setting.limits(self.let_off)
 
     @property
     def true_state(self) -> tuple[Floats, Floats]:
@@ -286,7 +317,7 @@ class Session:
             job: what automatic motion is to do while the intent asks for it.
         """
         now, plant, off = self._now_ns, self._true.plant, self.off_states
-        known, let_off = self._belief.take(plant.read(), now, checked=self.checked), self._belief.tracks.let_off
+        known, let_off = self._belief.take(plant.read(), now, checked=self.checked), self.let_off
         inputs = TickInputs(now, known.posture, known.pose, intent, self.scene, off, let_off, known.health, job)
         began = time.perf_counter_ns()
         outputs, self._memory, trace = tick(inputs, self._memory, self._config)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
@@ -13,6 +13,7 @@ from workgauge.gauge.build import LimitSet, build_limits
 from workgauge.gauge.following import OnTracks, TrackFollower
 from workgauge.gauge.rulebook import load_rule_book
 from workgauge.gauge.rules import RuleBook
+from workgauge.gauge.suspending import IN_FORCE, suspendable
 from workgauge.geodesy.frame import SiteFrame
 from workgauge.guard.api import Guard
 from workgauge.guard.travel import Brakes
@@ -43,6 +44,9 @@ SHIPPED_SITE, SHIPPED_SITE_RULES = "double_track", "finland"
 
 #: A start posture takes the nearest pole into account up to this far away [m].
 POLE_WITHIN_M = 15.0
+
+#: Oldest intent to move on [s], unless told otherwise.
+INTENT_AGE_S = 0.2
 
 #: How far the tick looks: more than a full-speed stop of a 20 t machine (6.7 m).
 TICK_RADIUS_M = 7.0
@@ -92,9 +96,9 @@ class Setting:
 
     @property
     def states(self) -> frozenset[str]:
-        """The work states that limits of the site depend on."""
+        """The work states that limits of the site depend on; what a supervisor may suspend is not among them."""
         states = (limit.activity.state for limit in self.limit_set.limits)
-        return frozenset(state for state in states if state is not None)
+        return frozenset(state for state in states if state is not None and not state.startswith(IN_FORCE))
 
     def check_state(self, name: str) -> None:
         """Refuse the name of a work state that no limit of the site depends on.
@@ -129,12 +133,14 @@ class Setting:
         away = math.inf if near is None else float(np.linalg.norm((near - T[:3, 3])[:2]))
         return start_posture(LetOff(self.scene, let_off), T, near if away < POLE_WITHIN_M else None)
 
-    def tick_config(self, follow: FollowSettings | None, tool_sigma_m: float | None) -> TickConfig:
+    def tick_config(
+        self, follow: FollowSettings | None, tool_sigma_m: float | None, intent_age_s: float = INTENT_AGE_S
+    ) -> TickConfig:
         """Return the configuration of the tick.
 
         Args:
             follow: how automatic motion does its jobs; left out, as fits the joints.
-            tool_sigma_m: as of `loop.config.tick_config`.
+            tool_sigma_m, intent_age_s: as of `loop.config.tick_config`.
         """
         return tick_config(
             self.machine,
@@ -143,6 +149,7 @@ class Setting:
             dt_s=self.tick_s,
             radius_m=max(TICK_RADIUS_M, search_radius_m(self.guard, self.limit_set.limits)),
             tool_sigma_m=tool_sigma_m,
+            intent_age_s=intent_age_s,
             drive=self.moving.drive,
             motion=MotionConfig(follow=follow or FollowSettings(compensate=self.moving.late)),
         )
@@ -179,7 +186,8 @@ def setting_of(
     stood = stand(read, book, model, asked)
     east, north, up = stood.T_absolute_machine[:3, 3].tolist()
     frame = read.frame((east, north, up))
-    limit_set = build_limits(read, book, frame, start_utc)
+    built = build_limits(read, book, frame, start_utc)
+    limit_set = replace(built, limits=suspendable(built.limits, book))
     names = MappingProxyType({limit.id: limit.name for limit in limit_set.limits})
     scene = Scene(model, limit_set.limits)
     place = way_from(read, book, model, frame, asked, stood)

@@ -124,11 +124,17 @@ def encode(value: Value, sequence: int | None = None) -> bytes:
         if sequence not in (None, value.sequence):
             raise WireError("a valve command carries its own sequence", element="sequence", value=sequence)
         sequence = value.sequence
-    sequence = 0 if sequence is None else sequence
-    stamp = value.stamp
+    return framed(kind, value.stamp, 0 if sequence is None else sequence, pack(value))
+
+
+def framed(kind: int, stamp: Stamp, sequence: int, payload: bytes) -> bytes:
+    """Return the frame of a payload.
+
+    Raises:
+        WireError: if a name or the payload is too long, or a number does not fit its field.
+    """
     if stamp.epoch_ns == NO_EPOCH:
         raise WireError("the epoch stands for none", element="epoch", value=stamp.epoch_ns)
-    payload = pack(value)
     epoch = NO_EPOCH if stamp.epoch_ns is None else stamp.epoch_ns
     try:
         body = (
@@ -160,6 +166,19 @@ def decode(frame: bytes, received_ns: int) -> Message[Value]:
     Raises:
         WireError: for anything `encode` would not have written.
     """
+    kind, stamp, sequence, sent_ns, payload = unframed(frame, received_ns)
+    unpack = _UNPACK.get(kind)
+    if unpack is None:
+        raise WireError("unknown kind", element="kind", value=kind, allowed=", ".join(str(k) for k in _UNPACK))
+    return Message(unpack(stamp, sequence, payload), sequence, sent_ns)
+
+
+def unframed(frame: bytes, received_ns: int) -> tuple[int, Stamp, int, int, bytes]:
+    """Return kind, stamp, sequence, sender's clock [ns] and payload of a frame.
+
+    Raises:
+        WireError: for anything `framed` would not have written.
+    """
     if len(frame) < OVERHEAD:
         raise WireError("frame too short", element="length", value=len(frame), allowed=f"at least {OVERHEAD} bytes")
     magic, version, kind, length, sequence, sent_ns, epoch, machine_id, source = _HEADER.unpack_from(frame)
@@ -172,14 +191,10 @@ def decode(frame: bytes, received_ns: int) -> Message[Value]:
     (crc,) = _CRC.unpack_from(frame, len(frame) - _CRC.size)
     if zlib.crc32(memoryview(frame)[: -_CRC.size]) != crc:
         raise WireError("check sum differs", element="crc", value=f"{crc:08x}")
-    unpack = _UNPACK.get(kind)
-    if unpack is None:
-        raise WireError("unknown kind", element="kind", value=kind, allowed=", ".join(str(k) for k in _UNPACK))
     stamp = Stamp(
         _name(machine_id, "machine id"), received_ns, _name(source, "source"), None if epoch == NO_EPOCH else epoch
     )
-    payload = frame[_HEADER.size : -_CRC.size]
-    return Message(unpack(stamp, sequence, payload), sequence, sent_ns)
+    return kind, stamp, sequence, sent_ns, frame[_HEADER.size : -_CRC.size]
 
 
 def decode_command(frame: bytes, received_ns: int) -> Message[ValveCommand]:

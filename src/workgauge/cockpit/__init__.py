@@ -1,0 +1,1 @@
+"""The browser page: snapshots out, intents in."""
