@@ -137,6 +137,7 @@ def test_a_job_let_go_and_taken_up_again_and_another_in_between(tmp_path: Path) 
     assert jobs_of(open_log(tmp_path / "run.mcap")) == ["near", "turn", "near"]
 
 
+@pytest.mark.prove
 def test_a_way_round_planned_while_driving(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     step = GoTo.model_validate(
         {"do": "go_to", "by": "loop", "around": False, "goal": {"at_m": [4.4, 1.3, 1.0], "rpy_deg": [180, 0, 108]}}

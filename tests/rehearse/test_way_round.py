@@ -77,6 +77,7 @@ def test_stuck_before_a_fence_it_goes_round_by_a_plan_and_is_done() -> None:
     assert np.ptp(np.unwrap(run.series.q[:, 0])) > math.pi  # the other way round
 
 
+@pytest.mark.prove
 def test_what_cannot_be_solved_is_said_to_be_so_and_the_machine_stands(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(automatic, "PLAN_SECONDS", 2.0)
     run, session = driven(poles(*CAGE), (0.0, 6.0, 1.0))

@@ -1,5 +1,7 @@
 """Reading a rule book: YAML with line numbers, validated; complaints name file, line, key and what is allowed."""
 
+import copy
+import functools
 from collections.abc import Hashable, Iterator
 from importlib import resources
 from pathlib import Path
@@ -111,6 +113,13 @@ def _blocks(value: object, key: str) -> Iterator[tuple[str, Sourced]]:
 
 def _compose(text: str, file: str) -> tuple[yaml.Node | None, object]:
     """Parse YAML twice over one tree: nodes with their lines, and plain data. Duplicate keys are refused."""
+    root, data = _parsed(text, file)
+    return root, copy.deepcopy(data)
+
+
+@functools.lru_cache(maxsize=16)
+def _parsed(text: str, file: str) -> tuple[yaml.Node | None, object]:
+    """Return what `_compose` does, not to be changed: the same text has the same."""
     loader = yaml.SafeLoader(text)
     try:
         root = loader.get_single_node()

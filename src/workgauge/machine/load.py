@@ -1,6 +1,8 @@
 """Machine files and the shipped catalogue; every fault becomes one `MachineError` with file, line, key and value."""
 
+import copy
 import difflib
+import functools
 from collections.abc import Hashable, Mapping
 from importlib import resources
 from pathlib import Path
@@ -185,9 +187,7 @@ def _read_yaml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
     if len(data) > _LARGEST:
         raise MachineError("this is no machine description", file=path, value=f"{len(data)} bytes", allowed="1 MB")
     try:
-        loader = _PlainLoader(data)
-        node = loader.get_single_node()
-        content = loader.construct_document(node) if node is not None else None
+        node, content = _parsed(data)
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else None
         raise MachineError(f"bad YAML: {error.problem}", file=path, line=line) from error
@@ -198,7 +198,15 @@ def _read_yaml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
         raise MachineError("this is no machine description", file=path, value=found, allowed="a mapping of keys")
     lines: dict[Place, int] = {}
     _collect_lines(node, (), lines)
-    return content, lines
+    return copy.deepcopy(content), lines
+
+
+@functools.lru_cache(maxsize=16)
+def _parsed(data: bytes) -> tuple[yaml.Node | None, Any]:
+    """Return the nodes and the content of YAML; neither is to be changed, the same bytes have the same."""
+    loader = _PlainLoader(data)
+    node = loader.get_single_node()
+    return node, None if node is None else loader.construct_document(node)
 
 
 def _collect_lines(node: yaml.Node | None, place: Place, lines: dict[Place, int]) -> None:
