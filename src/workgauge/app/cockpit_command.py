@@ -90,17 +90,7 @@ def cockpit_command(
     stdout().print("starting (half a minute the first time on a computer) …")
     try:
         minder.start()
-        shown = host if loopback(host) else "<this computer's address>"
-        address = f"http://{shown}:{port}/"
-        stdout().print(f"cockpit: {address}{'' if token is None else '?token=' + token}", soft_wrap=True)
-        if special is not None:
-            stdout().print(f"supervisor: {address}?token={special}", soft_wrap=True)
-        if not loopback(host):
-            stdout().print("Others can reach this page. Without TLS in front of it, the token travels unencrypted.")
-        stdout().print("Ctrl-C ends it.")
-        if open_page and loopback(host) and _has_screen():
-            with contextlib.suppress(webbrowser.Error):
-                webbrowser.open(address if token is None else f"{address}?token={token}")
+        _announce(host if loopback(host) else None, port, token, special, open_page)
         while minder.mind():
             time.sleep(LOOK_S)
         stderr().print("the machine's process has ended")
@@ -109,6 +99,22 @@ def cockpit_command(
         stdout().print("ended")
     finally:
         minder.stop()
+
+
+def _announce(host: str | None, port: int, token: str | None, special: str | None, open_page: bool) -> None:
+    """Say where the page is, and open it; `host` is None where others can reach it."""
+    shown = host or "<this computer's address>"
+    address = f"http://{shown}:{port}/"
+    own = address if token is None else f"{address}?token={token}"
+    stdout().print(f"cockpit: {own}", soft_wrap=True)
+    if special is not None:
+        stdout().print(f"supervisor: {address}?token={special}", soft_wrap=True)
+    if host is None:
+        stdout().print("Others can reach this page. Without TLS in front of it, the token travels unencrypted.")
+    stdout().print("Ctrl-C ends it.")
+    if open_page and host is not None and _has_screen():
+        with contextlib.suppress(webbrowser.Error):
+            webbrowser.open(own)
 
 
 def _has_screen() -> bool:

@@ -1,6 +1,7 @@
 """The scene: machine, limits, clearances, ghosts, tracks; one class per thing that moves."""
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
@@ -78,7 +79,7 @@ class Boxes:
             self._root.visible = visible
 
 
-class Around:
+class Around(ABC):
     """Something that is drawn round the machine only, and anew when that has gone on far enough.
 
     Args:
@@ -100,9 +101,9 @@ class Around:
         self._draw(at)
         return True
 
+    @abstractmethod
     def _draw(self, at: Floats) -> None:
         """Add nodes round a place."""
-        raise NotImplementedError
 
 
 class Limits(Around):
